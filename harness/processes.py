@@ -21,9 +21,10 @@ _AGAIN_S = 0.02
 def interrupt(number: int, frame: FrameType | None) -> None:
     """Handle a signal: raise KeyboardInterrupt, at once or as soon as that does no harm.
 
-    Python drops an exception that is raised in ``__del__`` or in a callback of an import's locks, and libraries that
-    are being imported turn it into an ImportError of their own. A process that is being started must get its data:
-    SIGINT is blocked then, but only in this thread, and another one may have taken the signal.
+    Python drops an exception that is raised in ``__del__``, in a callback of an import's locks, or while a weak
+    collection forgets an object, and libraries that are being imported turn it into an ImportError of their own. A
+    process that is being started must get its data: SIGINT is blocked then, but only in this thread, and another one
+    may have taken the signal.
     """
     import signal
 
@@ -47,9 +48,11 @@ def _stop_waiting() -> None:
 
 
 def _drops_exceptions(frame: FrameType | None) -> bool:
-    """Whether an import or a ``__del__`` is being executed."""
+    """Whether an import, a ``__del__`` or a callback of a weak reference of :mod:`weakref` is being executed."""
     while frame is not None:
         if frame.f_code.co_name == "__del__" or frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        if frame.f_globals.get("__name__") in ("weakref", "_weakrefset"):
             return True
         frame = frame.f_back
     return False

@@ -74,6 +74,19 @@ class Resource:
 
 Resource()
 """,
+    "weak reference": """\
+class Resource:
+    def close(self):
+        pass
+
+def forget(reference):
+    os.kill(os.getpid(), signal.SIGINT)
+    print("went on")
+
+resource = Resource()
+reference = weakref.WeakMethod(resource.close, forget)
+del resource
+""",
     "import": "import interrupted",
     "blocked": """\
 def send():
@@ -113,7 +126,7 @@ def test_ctrl_c_is_neither_lost_nor_too_early(tmp_path: Path, statement: str) ->
     write_text(tmp_path / "interrupted.py", LIBRARY)
     write_text(
         tmp_path / "start.py",
-        "import os, signal, threading, time\nfrom harness.processes import interrupt\n"
+        "import os, signal, threading, time, weakref\nfrom harness.processes import interrupt\n"
         f"signal.signal(signal.SIGINT, interrupt)\n{LOST[statement]}\ntime.sleep(60)\n",
     )
     done = _run_script(tmp_path / "start.py")
