@@ -26,10 +26,9 @@ from harness.record.appearance import (
 )
 from harness.record.frame_log import FrameLog
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.verdicts import ERROR_TYPES, Verdict, prediction_set
+from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION, Verdict, prediction_set
 from vfoa.geometry import quaternion
 
-NO_PREDICTION = "no prediction"
 NO_TRUTH = "not annotated"
 
 
@@ -66,7 +65,7 @@ _LANES = ("truth", "predicted", "verdict")
 
 def log_palettes(stream: rr.RecordingStream, configuration: str, subjects: Iterable[str], colours: Colours) -> None:
     """Log the colours of the subjects' timelines, once for all frames."""
-    targets = {**colours.known, **dict.fromkeys((NOWHERE, IGNORED, NO_TRUTH, NO_PREDICTION), GREY)}
+    targets = {**colours.known, **dict.fromkeys((NOWHERE, IGNORED, NO_TRUTH, NO_HIT, NO_PREDICTION), GREY)}
     for subject in subjects:
         for lane in _LANES:
             palette = OUTCOME_COLOURS if lane == "verdict" else targets

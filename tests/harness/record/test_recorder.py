@@ -25,7 +25,8 @@ from harness.record.layers import ClipFiles, recording_ids
 from harness.record.recorder import Recorder, SharedRecorder
 from harness.record.viewer import viewer_binary
 from harness.run.directory import new_run_id
-from tests.harness.record.conftest import CONFIGURATION, LAYERS, shared, verdict
+from harness.score.verdicts import NO_HIT, NO_PREDICTION
+from tests.harness.record.conftest import CONFIGURATION, LAYERS, NAMES, shared, verdict
 from vfoa.errors import VfoaError
 
 ANN = "Ann Müller/left"
@@ -146,6 +147,21 @@ def test_verdicts_are_lanes_and_warnings(frames, record_run, read_back):
     warnings = columns.at(entities.log(CONFIGURATION), "TextLog:level")
     assert {frame for frame, level in warnings.items() if level == ["WARN"]} == wrong
     assert {11, 13} <= wrong
+
+
+def test_states_that_are_no_target_are_grey(frames, record_run, read_back):
+    """Without a colour of its own, the viewer gives a state one that may be a target's."""
+    *others, last = frames
+    (ann,) = last.record.subjects
+    missed = tuple(replace(value, gaze=0, head=0, total=0) for value in ann.attention)
+    record = replace(last.record, subjects=(replace(ann, attention=missed, focus=None, tied=()),))
+    columns = read_back(record_run([*others, replace(last, record=record)]))
+    path = entities.verdict(CONFIGURATION, ANN, "predicted")
+    names = columns.static(path, "StateConfiguration:values")
+    colours = dict(zip(names, columns.static(path, "StateConfiguration:colors"), strict=True))
+    states = {state for (state,) in columns.at(path, "StateChange:state").values()}
+    assert {NO_HIT, NO_PREDICTION} <= states <= set(names)
+    assert len({colours[name] for name in states - set(NAMES.values())}) == 1
 
 
 def test_a_name_keeps_its_class_when_instances_are_numbered_anew(frames, record_run, read_back):
