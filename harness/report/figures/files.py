@@ -90,7 +90,10 @@ def figures_of(runs: Sequence[Path], wanted: Wanted | None = None) -> Figures:
     figures = Figures()
     figures.drawn["frr"] = lambda width: charts.forest(overall, width)
     figures.drawn["frr_by_clip"] = lambda width: charts.by_clip(by_clip, width)
-    figures.drawn["error_types"] = lambda width: charts.error_types(overall, width)
+    if any(row.correct < row.n for _, row in overall):
+        figures.drawn["error_types"] = lambda width: charts.error_types(overall, width)
+    else:
+        figures.missing.append("error_types: no frame is wrong")
     verdicts = {name: found for each in shown for name, found in each.verdicts().items()}
     figures.drawn["confusion"] = lambda width: charts.confusion(verdicts, width)
     calibrations = [

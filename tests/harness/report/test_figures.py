@@ -195,6 +195,17 @@ def test_the_command_names_what_it_wrote_and_left_out(
     )
 
 
+def test_a_run_without_an_error_has_no_chart_of_errors(
+    tmp_path: Path, no_pdf: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip = write_clip(tmp_path, "clip", LABELLED)
+    run = write_run(tmp_path / "run", answers(LABELLED, clip="clip"), clips=[clip]).path
+    code, said, err = vfoa(monkeypatch, capsys, "figures", str(run), "--out", str(tmp_path / "out"))
+    assert (code, err) == (0, "")
+    assert "Left out: error_types: no frame is wrong" in said.splitlines()
+    assert {path.name for path in (tmp_path / "out").glob("[ef]*")} == {"frr_1col.svg", "frr_by_clip_1col.svg"}
+
+
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
     """A finished run of one clip with recordings, in which the subject's cup is always the truth."""
