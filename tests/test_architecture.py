@@ -78,6 +78,7 @@ DOORS = {
         "harness/files/coco.py",
         "harness/files/coco_masks.py",
         "harness/files/parsing.py",
+        "harness/labels/formats/label_studio.py",
         "harness/labels/formats/via_files.py",
         "harness/pipeline/stage_files/coco_instances.py",
         "harness/pipeline/stage_files/coco_panoptic.py",

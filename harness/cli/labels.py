@@ -54,8 +54,8 @@ def import_(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="boris, coco, csv, cvat, datavyu, elan, idiap_vfoa, observer, praat, table, via, or a package's. "
-            "Default: as the file's name says (.boris, .eaf, .opf, .TextGrid).",
+            help="boris, coco, csv, cvat, datavyu, elan, idiap_vfoa, label_studio, observer, praat, table, via, or a "
+            "package's. Default: as the file's name says (.boris, .eaf, .opf, .TextGrid).",
         ),
     ] = None,
     annotator: Annotator = None,
@@ -72,12 +72,17 @@ def import_(
         Literal["ignore", "none"], typer.Option(help="Meaning of frames without a label between two labels.")
     ] = "ignore",
     observation: Annotated[
-        str | None, typer.Option(metavar="NAME", help="BORIS, Observer: observation to read, if the file has several.")
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="BORIS, Observer: observation to read, if the file has several. Label Studio: id of the annotation.",
+        ),
     ] = None,
     film: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="ELAN, BORIS, Datavyu, VIA: film that shows the clip, if the file has several."
+            metavar="NAME",
+            help="ELAN, BORIS, Datavyu, Label Studio, VIA: film that shows the clip, if the file has several.",
         ),
     ] = None,
     modifier: Annotated[

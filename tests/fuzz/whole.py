@@ -97,6 +97,11 @@ DATAVYU = (
     "girl.ordinal,girl.onset,girl.offset,girl.target,girl.how,\n1,100,900,bird,so,\n",
     "file,column,onset,offset,ordinal,code01\na,girl,100,900,1,bird\n",
 )
+LABEL_STUDIO = (
+    '[{"data": {"video": "/data/upload/1/3d3ad63e-talk.mp4"}, "annotations": [{"id": 7, "was_cancelled": false, '
+    '"result": [{"type": "labels", "from_name": "girl", '
+    '"value": {"start": 0.1, "end": 0.9, "channel": 0, "labels": ["bird"]}}]}]}]'
+)
 OBSERVER = (
     "Time_Relative_sf,Observation,Subject,Behavior,Modifier_1,Event_Type,Comment\n"
     "0.1,talk,girl,bird,,State start,so\n0.4,talk,girl,nods,,Point,\n0.9,talk,girl,bird,,State stop,\n"

@@ -69,6 +69,7 @@ FORMATS = Registry(
         "datavyu": "harness.labels.formats.datavyu:Datavyu",
         "elan": "harness.labels.formats.elan:Elan",
         "idiap_vfoa": "harness.labels.formats.idiap_vfoa:IdiapGroundTruth",
+        "label_studio": "harness.labels.formats.label_studio:LabelStudio",
         "observer": "harness.labels.formats.observer:Observer",
         "praat": "harness.labels.formats.praat:Praat",
         "table": "harness.labels.formats.own_table:OwnTable",
