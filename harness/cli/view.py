@@ -13,7 +13,7 @@ import typer
 
 from harness.cli.options import OneClip, OneConfiguration, Port, Recordings, Replace, run_folder
 from harness.cli.terminal import ended_by_signals, say, say_forwarding, signals_as_ctrl_c
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, did_you_mean
 
 if TYPE_CHECKING:
     from harness.record.composed import Composed, RecordedClip
@@ -27,7 +27,9 @@ def view(
     clip: OneClip = None,
     config: OneConfiguration = None,
     frame: Annotated[int | None, typer.Option(metavar="FRAME", help="Open the first recording at this frame.")] = None,
-    subject: Annotated[str | None, typer.Option(metavar="NAME", help="Show this person's tab.")] = None,
+    subject: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Show this person's tab. With --failures: only of this person.")
+    ] = None,
     web: Annotated[bool, typer.Option("--web", help="Open it in the browser; Ctrl-C ends it.")] = False,
     failures: Annotated[
         bool, typer.Option("--failures", help="Step from one wrong frame to the next by keys; with --web, by links.")
@@ -52,7 +54,7 @@ def view(
         if frame is not None or screenshot is not None or compare is not None:
             raise VfoaError("view: --failures selects the frames: leave out --frame, --compare and --screenshot")
         with ended_by_signals():
-            (browse_failures if web else step_through)(folder, clip, config)
+            (browse_failures if web else step_through)(folder, clip, config, subject)
         return
     if screenshot is not None:
         if web:
@@ -107,22 +109,26 @@ def _compared(
 KEYS = "Enter or n: next, p: previous, w: the label is wrong, q: quit"
 
 
-def step_through(run: Path, clip: str | None, configuration: str | None) -> None:
-    """Open the viewer at a run's first wrong frame, and step to others by keys."""
+def step_through(run: Path, clip: str | None, configuration: str | None, subject: str | None) -> None:
+    """Open the viewer at a run's first wrong frame, and step to others by keys; None: of all."""
     if not sys.stdin.isatty():
         raise VfoaError(
             "view --failures: expected a terminal to read keys from, found none; --failures --web has links"
         )
     from harness.record import viewer
+    from harness.run.directory import RunDirectory
+    from harness.score.finished_run import read_scores
 
     say(KEYS)
     place: int | None = 0
     while place is not None:
-        wrong, recordings = _wrong_frames(run, clip, configuration)
+        recordings = _recorded(run, clip, configuration, subject)
+        found = wrong_verdicts(read_scores(RunDirectory(run)), clip, configuration, subject)
+        wrong = _that_can_be_shown(found, recordings)
         if not wrong:
             say("No wrong frame.")
             return
-        shown = {clip: recording.compose() for clip, recording in recordings.items()}
+        shown = {each.files.clip: each.compose() for each in recordings}
         place, is_corrected = min(place, len(wrong) - 1), False
         with viewer.opened(instead="--failures --web has a link to each wrong frame, for any browser") as go_to:
             while place is not None and not is_corrected:
@@ -193,44 +199,59 @@ def _target_and_frames(answer: str, first: int, last: int) -> tuple[str, int, in
     return answer, first, last
 
 
-def browse_failures(run: Path, clip: str | None, configuration: str | None) -> None:
+def browse_failures(run: Path, clip: str | None, configuration: str | None, subject: str | None) -> None:
     """Serve the recordings of a run, and a page that steps through its wrong frames beside the web viewer."""
     from harness.annotate.correction import correction_routes
-    from harness.record.composed import find_clips, served_recordings
+    from harness.record.composed import served_recordings
     from harness.record.web_app import failures_routes
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 
     directory = RunDirectory(run)
-    find_clips(run, clip, configuration)  # so that an unknown name is reported here
+    recorded = _recorded(run, clip, configuration, subject)
 
     def wrong() -> list[Verdict]:
-        return wrong_verdicts(read_scores(directory), clip, configuration)
+        return wrong_verdicts(read_scores(directory), clip, configuration, subject)
 
-    if not (found := wrong()):
+    found = wrong()
+    if not (shown := _that_can_be_shown(found, recorded)):
         say("No wrong frame.")
         return
     recordings, known = served_recordings(run), iter([found])  # the page that opens now shows what was counted
-    say(f"{len(found)} wrong frames")
+    say(f"{len(shown)} wrong frames")
     failures = failures_routes(lambda: next(known, None) or wrong(), recordings)
     browse(recordings.values(), ["/"], more=(*failures, *correction_routes(directory)))
 
 
-def _wrong_frames(
-    run: Path, clip: str | None, configuration: str | None
-) -> tuple[list[Verdict], dict[str, RecordedClip]]:
-    """The wrong frames, and the recordings of each clip."""
+def _recorded(run: Path, clip: str | None, configuration: str | None, subject: str | None) -> list[RecordedClip]:
+    """The recordings of each clip of a run; an unknown name is an error."""
     from harness.record.composed import find_clips
-    from harness.run.directory import RunDirectory
-    from harness.score.finished_run import read_scores
 
-    recordings = {recorded_clip.files.clip: recorded_clip for recorded_clip in find_clips(run, clip, configuration)}
-    return wrong_verdicts(read_scores(RunDirectory(run)), clip, configuration), recordings
+    clips = find_clips(run, clip, configuration)
+    subjects = list(dict.fromkeys(name for recorded_clip in clips for name in recorded_clip.subjects))
+    if subject is not None and subject not in subjects:
+        raise VfoaError(f"{run}: no subject {subject!r}; {did_you_mean(subject, subjects)}")
+    return clips
 
 
-def wrong_verdicts(scores: Scores, clip: str | None, configuration: str | None) -> list[Verdict]:
-    """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, every configuration."""
-    judged = (of_subject.judged for of_subject in scores.judged_subjects if clip in (None, of_subject.clip))
+def _that_can_be_shown(wrong: Sequence[Verdict], recordings: Sequence[RecordedClip]) -> list[Verdict]:
+    """The wrong frames with a recording; how many have none is printed."""
+    recorded = {(each.files.clip, layer.configuration) for each in recordings for layer in each.layers}
+    shown = [verdict for verdict in wrong if (verdict.clip, verdict.configuration) in recorded]
+    if left_out := len(wrong) - len(shown):
+        say(f"vfoa: {left_out} wrong frames have no recording: they are left out", err=True)
+    return shown
+
+
+def wrong_verdicts(
+    scores: Scores, clip: str | None, configuration: str | None, subject: str | None = None
+) -> list[Verdict]:
+    """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, configuration, subject."""
+    judged = (
+        of_subject.judged
+        for of_subject in scores.judged_subjects
+        if clip in (None, of_subject.clip) and subject in (None, of_subject.subject)
+    )
     of_clip = [each.where(each.is_wrong) for each in judged if configuration in (None, each.configuration)]
     clips, configurations = scores.clips.index, scores.configurations.index
     return sorted(

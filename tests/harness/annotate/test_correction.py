@@ -306,7 +306,7 @@ def test_the_label_of_a_wrong_frame_is_set_right_by_keys(run: RunResults, monkey
     said = iter(["n", "w", "mug"])  # of the whole look, frames 2 and 3
     monkeypatch.setattr("sys.stdin", Terminal())
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(said))
-    step_through(run.path, None, "one")
+    step_through(run.path, None, "one", None)
     assert shown == [2, 3]  # after the correction no frame is wrong
     _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
 

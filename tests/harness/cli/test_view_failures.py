@@ -17,6 +17,7 @@ from harness.score.verdicts import Verdict
 from tests.records import frame_record, score, subject_record, target_record, write_manifest
 
 WRONG = {("b", "two"): {(7, "ann"), (3, "bob")}, ("b", "one"): {(1, "ann")}, ("a", "two"): {(9, "ann")}}
+PEOPLE = {"subjects": {"ann": {"category": "person"}, "bob": {"category": "person"}}}
 LABELLED = {"b": [(1, "ann"), (3, "bob"), (4, "ann"), (7, "ann")], "a": [(9, "ann")]}
 
 
@@ -55,6 +56,7 @@ def test_failures_are_the_wrong_frames_recording_by_recording_in_time():
     ]
     assert _places(wrong_verdicts(SCORES, "b", None)) == [("b", "two", 3), ("b", "two", 7), ("b", "one", 1)]
     assert _places(wrong_verdicts(SCORES, None, "two")) == [("b", "two", 3), ("b", "two", 7), ("a", "two", 9)]
+    assert _places(wrong_verdicts(SCORES, None, "two", "ann")) == [("b", "two", 7), ("a", "two", 9)]
     assert wrong_verdicts(SCORES, "a", "one") == []
 
 
@@ -95,7 +97,7 @@ def test_the_page_of_failures_is_scored_anew_only_after_it_was_shown(tmp_path, m
     scored, served = [], []
     monkeypatch.setattr(finished_run, "read_scores", lambda directory: scored.append(directory) or SCORES)
     monkeypatch.setattr(sys.modules["harness.cli.view"], "browse", lambda recordings, paths, more: served.extend(more))
-    browse_failures(tmp_path, None, None)
+    browse_failures(tmp_path, None, None, None)
     (listed,) = (route.endpoint for route in served if route.path == "/failures.json")
     counts = []
     for _ in range(3):
@@ -104,14 +106,15 @@ def test_the_page_of_failures_is_scored_anew_only_after_it_was_shown(tmp_path, m
     assert counts == [1, 2, 3]
 
 
-def test_a_run_is_stepped_through_as_the_keys_say(tmp_path, monkeypatch, capsys):
-    """The terminal's side, with a viewer that only takes notes."""
+@pytest.fixture
+def step_through(tmp_path, monkeypatch):
+    """Step through a run by keys, with a viewer that only takes notes; give the exit status, and what was shown."""
     from harness.record import viewer
     from harness.score import finished_run
 
     for name in ("b__two", "b__one", "a__two"):
         (tmp_path / f"{name}.rrd").touch()
-    clips = [{"name": name, "frames": list(range(1, 10))} for name in ("a", "b")]
+    clips = [{"name": name, "frames": list(range(1, 10)), "names": PEOPLE} for name in ("a", "b")]
     write_manifest(RunDirectory(tmp_path), {"clips": clips, "configurations": {"one": {}, "two": {}}})
     went = []
 
@@ -125,11 +128,20 @@ def test_a_run_is_stepped_through_as_the_keys_say(tmp_path, monkeypatch, capsys)
 
     monkeypatch.setattr(viewer, "opened", opened)
     monkeypatch.setattr(finished_run, "read_scores", lambda directory: SCORES)
-    monkeypatch.setattr(sys, "stdin", Terminal("\nn\np\nq\nn\n"))
-    monkeypatch.setattr(sys, "argv", ["vfoa", "view", str(tmp_path), "--failures"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 0
+
+    def step(keys, *options):
+        monkeypatch.setattr(sys, "stdin", Terminal(keys))
+        monkeypatch.setattr(sys, "argv", ["vfoa", "view", str(tmp_path), "--failures", *options])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, went
+
+    return step
+
+
+def test_a_run_is_stepped_through_as_the_keys_say(step_through, capsys):
+    code, went = step_through("\nn\np\nq\nn\n")
+    assert code == 0
     assert went == [
         ("b", 3, "two", "bob"),
         ("b", 7, "two", "ann"),
@@ -142,3 +154,16 @@ def test_a_run_is_stepped_through_as_the_keys_say(tmp_path, monkeypatch, capsys)
         "3/4",
         "2/4",
     ]
+
+
+def test_only_the_failures_of_a_subject_are_stepped_through(step_through, capsys):
+    code, went = step_through("n\nn\nq\n", "--config", "two", "--subject", "ann")
+    assert (code, went) == (0, [("b__two", 7, "two", "ann"), ("a__two", 9, "two", "ann"), ("a__two", 9, "two", "ann")])
+    assert step_through("q\n", "--subject", "anna")[0] == 2
+    assert "no subject 'anna'; did you mean 'ann'?" in capsys.readouterr().err
+
+
+def test_failures_without_a_recording_are_counted_and_left_out(step_through, tmp_path, capsys):
+    (tmp_path / "b__two.rrd").unlink()
+    assert step_through("n\nq\n") == (0, [("b__one", 1, "one", "ann"), ("a__two", 9, "two", "ann")])
+    assert capsys.readouterr().err.startswith("vfoa: 2 wrong frames")
