@@ -100,11 +100,11 @@ def run_plan(
         try:
             with executor(workers, scheduler, threads=threads, modules=modules, shared_file=shared_file) as chosen:
                 results = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress)
+            _finish(plan, directory, of_run, results, started)
         except KeyboardInterrupt:
             perceived = ", and stage outputs in the cache" if cache else ""
             tell(f"interrupted: finished clips are kept in {directory.path}{perceived}; the same command continues")
             raise
-        _finish(plan, directory, of_run, results, started)
     for line in cache_lines(results.account.rows()):
         tell(line)
     return directory

@@ -103,6 +103,21 @@ def test_an_interrupted_run_says_what_is_kept_and_goes_on(
     assert {path: path.read_bytes() for path in kept} == kept
 
 
+def test_a_run_that_is_interrupted_after_its_last_frame_says_what_is_kept_too(
+    experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    plan, said = prepare(load_experiment(str(experiment)), limit=1), list[str]()
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "join_timings", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run_plan(plan, tmp_path, workers=1, progress=print, tell=said.append)
+    assert [f"clips are kept in {tmp_path}" in line for line in said] == [True]
+    assert len(list(read_records(run_plan(plan, tmp_path, workers=1, progress=print)))) == 2
+
+
 def test_a_directory_is_kept_to_one_run(tmp_path: Path) -> None:
     said: list[str] = []
     with locked(tmp_path, said.append), pytest.raises(VfoaError, match=rf"process {os.getpid()} on .* runs here"):
