@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from harness.sources import Recognised
 from harness.sources.calibration_files.read import Options, find_calibrations
+from harness.sources.media import yarp
 from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, numbered_views, pair_names, walk_files
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
@@ -119,6 +120,10 @@ def _sides_by_name(images: dict[str, list[str]]) -> Iterator[tuple[str, str]]:
 
 
 def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
+    logs = f"{left}/{yarp.LOG}", f"{right}/{yarp.LOG}"
+    if all((root / log).is_file() for log in logs):
+        yield _open_stamped(root, PairFiles(left=logs[0], right=logs[1], stamps="ns"))
+        return
     try:
         try:
             lefts, rights = find_sides(root, left, right)
@@ -133,13 +138,16 @@ def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
     times = Path(left).parent / _TIMES  # KITTI's image_02/timestamps.txt beside image_02/data
     has_times = stamps is None and (root / left).is_dir() and (root / times).is_file()
     files = PairFiles(left=left, right=right, stamps=stamps, times=times.as_posix() if has_times else None)
+    yield _open(root, files) if stamps is None else _open_stamped(root, files)
+
+
+def _open_stamped(root: Path, files: PairFiles) -> FoundLayout:
+    """As :func:`_open`; an error says which settings pair times that differ."""
     try:
-        yield _open(root, files)
+        return _open(root, files)
     except VfoaError as error:
-        if stamps is None:
-            raise
-        options = f"--set left={left} --set right={right} --set stamps={stamps} --set tolerance_ms=MS"
-        raise VfoaError(f"{root}: {error} ({options})") from None
+        names = f"--set left={files.left} --set right={files.right} --set stamps={files.stamps}"
+        raise VfoaError(f"{root}: {error} ({names} --set tolerance_ms=MS)") from None
 
 
 def read_layout(root: Path, files: PairFiles) -> FoundLayout:

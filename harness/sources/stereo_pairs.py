@@ -258,7 +258,8 @@ def find_sides(folder: Path, left: str, right: str) -> tuple[Mapping[int, Path],
         As :func:`harness.sources.media.frame_files.find_frames`.
     """
     lefts, rights = find_frames(folder, left, "source.left"), find_frames(folder, right, "source.right")
-    if (folder / left).is_file() and (folder / right).is_file() and lefts.keys() != rights.keys():
+    are_single = len(lefts) == len(rights) == 1 and (folder / left).is_file() and (folder / right).is_file()
+    if are_single and lefts.keys() != rights.keys():
         return {0: folder / left}, {0: folder / right}
     return lefts, rights
 

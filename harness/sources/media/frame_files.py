@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from harness.files.ascending import place_in
+from harness.sources.media import yarp
 from harness.sources.media.dated_names import find_dates
 from vfoa.errors import VfoaError
 
@@ -74,7 +75,8 @@ def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
     ``pattern`` is a folder (all its images), a file, a glob (``left/*.png``), or has one printf field for the number
     (``left/%06d.png``, ``left/%06d_*.png``). Without a field, the number is the run of digits that differs between the
     names, or the index beside a time stamp; a single file without digits is frame 0. Hidden files, such as macOS's
-    ``._left_01.png``, are left out. ``where`` (file and key) starts the messages.
+    ``._left_01.png``, are left out. YARP's ``data.log`` has the images beside it, by their time in ns. ``where`` (file
+    and key) starts the messages.
 
     Raises
     ------
@@ -85,6 +87,8 @@ def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
     if folder.is_dir():
         return _folder_frames(folder, pattern, where)
     if folder.is_file():
+        if folder.name == yarp.LOG:
+            return yarp.read_log(folder)
         files = [folder]
     elif _PRINTF.search(pattern):
         return _printf_frames(root, pattern, where)

@@ -113,6 +113,18 @@ def kitti_raw(root: Path) -> None:
         write_text(root / f"image_0{side}" / "timestamps.txt", times)
 
 
+def yarp(root: Path, late_s: float = 0.0) -> None:
+    """Recordings of an iCub's cameras by yarpdatadumper: the right one begins a frame later, and counts from 0, too."""
+    for side in (0, 1):
+        folder, lines = root / ("left", "right")[side], list[str]()
+        for place, number in enumerate(range(1 + side, 5)):
+            stamp_s = 1384952354.273104 + number / 30 + side * late_s
+            write_image(folder / f"{place:08d}.ppm", views(number - 1)[side])
+            lines.append(f"{5331 + number} {stamp_s:.6f} {stamp_s + 0.002 * place:.6f} {place:08d}.ppm [rgb]\n")
+        write_text(folder / "data.log", "".join(lines))
+        write_text(folder / "info.log", "Type: Image;\nStamp: tx+rx;\n")
+
+
 LAYOUTS = {
     "Middlebury 2021": Layout(make=middlebury_2021, cx_right_px=33.5),
     "KITTI 2015": Layout(make=kitti_2015, said=NUMBERS, frames=3),
@@ -123,6 +135,7 @@ LAYOUTS = {
     "aloeL aloeR": Layout(make=lambda root: pair(root, "aloeL.png", "aloeR.png"), said=NUMBERS),
     "I1_ I2_": Layout(make=numbered, said=NUMBERS, frames=3),
     "EuRoC": Layout(make=euroc, frames=3),
+    "YARP": Layout(make=yarp, said=NUMBERS, frames=3),
     "K.txt with a baseline": Layout(make=with_matrix(K_LINE + "0.12\n"), frames=3),
     "K.txt in three lines": Layout(make=with_matrix(K_ROWS + "baseline: 0.12\n"), frames=3),
     "K.txt without a baseline": Layout(make=with_matrix(K_LINE), said=("--baseline", "0.12"), frames=3),
@@ -291,3 +304,19 @@ def test_an_offset_between_the_cameras_names_the_tolerance(tmp_path: Path) -> No
     assert [(frame - clip.frames[0]) // 50_000_000 for frame in clip.frames] == [0, 1, 3]
     for frame, number in zip(clip.frames, (1, 2, 4), strict=True):
         np.testing.assert_array_equal(clip.frame(frame).right, views(number)[1])
+
+
+def test_yarp_s_images_are_paired_by_the_times_of_their_logs_not_by_their_numbers(tmp_path: Path) -> None:
+    yarp(tmp_path / "data", late_s=0.004)
+    said = refused(tmp_path / "data", *NUMBERS)
+    assert "the nearest stamps are 4 ms apart (median): set tolerance_ms in [source]" in said
+    told = said.partition("(--set ")[2].removesuffix(")").replace("MS", "5").split(" --set ")
+    words = (word for each in told for word in ("--set", each))
+    assert vfoa("add", tmp_path / "data", *NUMBERS, *words, "--name", "a")["frames"] == 3
+    clip = load_manifest("a").open()
+    assert clip.rate_hz == pytest.approx(30, abs=0.01)
+    assert clip.time_ns(clip.frames[0]) == clip.frames[0]
+    for frame, number in zip(clip.frames, (1, 2, 3), strict=True):
+        for seen, written in zip((clip.frame(frame).left, clip.frame(frame).right), views(number), strict=True):
+            np.testing.assert_array_equal(seen, written)
+    assert clip.notes == ("1 left image has no right one, left out: frame 1384952354306437000",)
