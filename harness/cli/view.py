@@ -323,8 +323,6 @@ def export_failure(
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --out.")] = False,
 ) -> None:
     """Write one frame and its neighbours as a small recording."""
-    from dataclasses import replace as changed
-
     from harness.files.io import check_new
     from harness.record.composed import find_clips
     from harness.record.excerpt import write_excerpt
@@ -335,9 +333,8 @@ def export_failure(
     ]
     if len(pairs) > 1:
         raise VfoaError(f"{run}: expected one recording, found {'; '.join(pairs)}: choose with --clip and --config")
-    first.expect_subject(subject)
-    recording = changed(first.compose(), subject=subject)
+    recording = first.compose()
     excerpt = out or Path(f"{recording.name}__{frame}.rrd")
     check_new(excerpt, replace=replace or out is None, hint=", or another --out", inputs=recording.files)
-    write_excerpt(recording, first.rate_hz, frame, margin, excerpt)
+    write_excerpt(first, subject, frame, margin, excerpt)
     say(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa  # type: ignore[import-untyped]
@@ -11,34 +12,40 @@ from rerun.chunk import Chunk
 
 from harness.files.io import replacing
 from harness.record import entities
-from harness.record.composed import Composed
+from harness.record.composed import RecordedClip
 from harness.record.images import key_frame_every
 from harness.record.layer_file import write_whole
 from harness.record.reading import RecordingFile
 from vfoa.errors import VfoaError
 
 
-def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin: int, excerpt: Path) -> None:
-    """Write the frames ``frame - margin`` to ``frame + margin`` of all layers, with the layout and all static data.
+def write_excerpt(clip: RecordedClip, subject: str | None, frame: int, margin: int, excerpt: Path) -> None:
+    """Write a frame and ``margin`` neighbours on either side of all layers, with all static data.
 
-    Frames of a video are included from the preceding key frame on, since decoding begins there.
+    It opens in the layout of these frames, with the subject's tab in front. Frames of a video are included from the
+    preceding key frame on, since decoding begins there.
 
     Raises
     ------
     VfoaError
-        If a file cannot be read, the clip does not have that frame, or the margin is negative.
+        If a file cannot be read, the clip does not have that frame or subject, or the margin is negative.
     """
     if margin < 0:
         raise VfoaError(f"--margin: expected at least 0 frames, found {margin}")
+    recording = clip.compose()
+    clip.expect_subject(subject)
     recording.expect_frame(frame)
-    inside = [number for number in recording.frames if abs(number - frame) <= margin]
-    every = key_frame_every(rate_hz)
-    key = recording.frames[recording.frames.index(inside[0]) // every * every]
+    place = clip.frames.index(frame)
+    first = max(place - margin, 0)
+    inside = clip.frames[first : place + margin + 1]
+    every = key_frame_every(clip.rate_hz)
+    key = clip.frames[first // every * every]
     ids = RecordingFile(recording.files[0]).ids
     ids = ids._replace(recording=f"{ids.recording}-{frame}")
+    layout = replace(clip, frames=inside).compose().layout(subject)
     with replacing(excerpt) as draft:
         chunks = _all_cut(recording.files, key, inside[0], inside[-1])
-        write_whole(draft, ids, recording.layout(), chunks)
+        write_whole(draft, ids, layout, chunks)
 
 
 def _all_cut(files: Iterable[Path], key: int, first: int, last: int) -> Iterator[Chunk]:

@@ -19,18 +19,19 @@ MATRIX = "Pinhole:image_from_camera"
 SUMMARY = entities.summary(CONFIGURATION)
 
 
-def _composed(recorded):
-    return find_clips(recorded.run, None, None)[0].compose()
+def _clip(recorded):
+    return find_clips(recorded.run, None, None)[0]
 
 
 @pytest.mark.parametrize(
-    ("frame", "margin", "kept"), [(13, 1, [13, 14]), (10, 1, [10, 11]), (11, 99, [10, 11, 13, 14])]
+    ("frame", "margin", "kept"),
+    [(13, 1, [11, 13, 14]), (10, 1, [10, 11]), (11, 1, [10, 11, 13]), (11, 99, [10, 11, 13, 14])],
 )
 def test_an_excerpt_is_whole_and_holds_the_frames_around_one(
     frames, record_run, read_back, tmp_path, frame, margin, kept
 ):
     recorded, excerpt = record_run(frames), tmp_path / "excerpt.rrd"
-    write_excerpt(_composed(recorded), 25, frame, margin, excerpt)
+    write_excerpt(_clip(recorded), None, frame, margin, excerpt)
     done = subprocess.run([viewer_binary(), "rrd", "verify", excerpt], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     whole, part = read_back(recorded), read_back(excerpt)
@@ -49,32 +50,37 @@ def test_an_excerpt_is_whole_and_holds_the_frames_around_one(
     guide = (entities.GUIDE, "TextDocument:text")
     assert part.static(*guide) == whole.static(*guide)
     stores = RrdReader(excerpt)
+    # a plot shows the frames that are there, not those of the whole clip
+    rooms = stores.stream(store=stores.blueprints()[0]).filter(components="TimeAxis:view_range")
+    starts = {chunk.to_record_batch().column("TimeAxis:view_range")[0].as_py()[0]["start"] for chunk in rooms}
+    assert len(starts) == 1
+    assert kept[0] - 1 <= starts.pop() <= kept[0]
     assert (len(stores.recordings()), len(stores.blueprints())) == (1, 1)
 
 
 def test_an_excerpt_of_jpeg_pictures_has_those_of_its_frames(frames, record_run, read_back, tmp_path):
     recorded, excerpt = record_run(frames, jpeg=True), tmp_path / "excerpt.rrd"
-    write_excerpt(_composed(recorded), 25, 13, 1, excerpt)
+    write_excerpt(_clip(recorded), None, 13, 1, excerpt)
     whole, part = (read_back(each).at(entities.IMAGE, "EncodedImage:blob") for each in (recorded, excerpt))
-    assert part == {frame: whole[frame] for frame in (13, 14)}
+    assert part == {frame: whole[frame] for frame in (11, 13, 14)}
 
 
 def test_a_frame_that_is_not_there_is_refused(frames, record_run, tmp_path):
-    recording = _composed(record_run(frames))
+    clip = _clip(record_run(frames))
     with pytest.raises(VfoaError, match="no frame 12; expected one of 10 to 14"):
-        write_excerpt(recording, 25, 12, 1, tmp_path / "excerpt.rrd")
+        write_excerpt(clip, None, 12, 1, tmp_path / "excerpt.rrd")
     with pytest.raises(VfoaError, match="--margin"):
-        write_excerpt(recording, 25, 13, -1, tmp_path / "excerpt.rrd")
+        write_excerpt(clip, None, 13, -1, tmp_path / "excerpt.rrd")
 
 
 def test_an_excerpt_that_fails_leaves_the_old_one_alone(frames, record_run, tmp_path):
     recorded, excerpt = record_run(frames), tmp_path / "out" / "excerpt.rrd"
-    recording = _composed(recorded)
-    write_excerpt(recording, 25, 13, 1, excerpt)
+    clip = _clip(recorded)
+    write_excerpt(clip, None, 13, 1, excerpt)
     before = excerpt.read_bytes()
     recorded.files.attention(CONFIGURATION).write_bytes(b"no recording")
     with pytest.raises(VfoaError, match=r"clip__two cones\.rrd: .*damaged"):
-        write_excerpt(recording, 25, 10, 1, excerpt)
+        write_excerpt(clip, None, 10, 1, excerpt)
     assert excerpt.read_bytes() == before
     assert os.listdir(excerpt.parent) == ["excerpt.rrd"]
 

@@ -143,7 +143,7 @@ def test_the_real_viewer_goes_from_clip_to_clip_and_shows_the_tabs_it_is_told(fr
     recorded = write_run(tmp_path / "run", {"one": frames, "two": frames}, names=["red cup", ANN, "Ben"])
     clip = replace(find_clips(recorded.run, None, None)[0], subjects=(ANN, "Ben"))
     one, excerpt = clip.compose(), tmp_path / "excerpt.rrd"
-    write_excerpt(one, 25, 13, 1, excerpt)
+    write_excerpt(clip, None, 13, 1, excerpt)
     other = Composed(name="excerpt", files=(excerpt,))
     clients, connect = [], viewer._connect
 
@@ -231,7 +231,7 @@ def test_the_layout_is_that_of_the_application_of_the_files(frames, tmp_path):
         (stored,) = {entry.application_id for entry in RrdReader(layout).blueprints()}
         assert {stored} == {RecordingFile(file).ids.application for file in files}
     excerpt = tmp_path / "excerpt.rrd"
-    write_excerpt(clip.compose(), 25, 13, 1, excerpt)
+    write_excerpt(clip, None, 13, 1, excerpt)
     assert RecordingFile(excerpt).ids.application == stored
     assert RecordingFile(excerpt).ids.recording != RecordingFile(clip.files.images).ids.recording
 
