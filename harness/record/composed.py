@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 class Composed:
     """Files that form one recording, by a name, and the layout in which they open.
 
-    ``clip`` and ``frames`` are those of the run; none for a file outside a run. ``make_layout`` takes the subject whose
-    tab is in front (None: the first). It reads the files, so it is called only when they are opened; None for the
-    layout in the files. ``subject`` is in front unless another one is asked for.
+    ``clip`` and ``frames`` are those of the run; none for a file outside a run, which is read if they are needed.
+    ``make_layout`` takes the subject whose tab is in front (None: the first). It reads the files, so it is called only
+    when they are opened; None for the layout in the files. ``subject`` is in front unless another one is asked for.
     """
 
     name: str
@@ -76,9 +76,18 @@ class Composed:
                 raise VfoaError(f"{file}: found no such recording; was the run made without it?")
 
     def expect_frame(self, frame: int) -> None:
-        """Reject a frame that the clip does not have: the viewer would silently show the nearest one."""
-        if self.frames and frame not in self.frames:
-            known = f"{min(self.frames)} to {max(self.frames)}"
+        """Reject a frame that the recording does not have: the viewer would silently show the nearest one.
+
+        Raises
+        ------
+        VfoaError
+            Also if a file outside a run cannot be read.
+        """
+        from harness.record.reading import RecordingFile
+
+        frames = self.frames or RecordingFile(self.files[0]).frames()
+        if frame not in frames:
+            known = f"{min(frames)} to {max(frames)}" if frames else "(none)"
             raise VfoaError(f"{self.files[0]}: found no frame {frame}; expected one of {known}")
 
 
@@ -216,9 +225,11 @@ def find_recordings(
     Raises
     ------
     VfoaError
-        If there is none, or the first clip does not have that subject.
+        If there is none, the first clip does not have that subject, or a part of a recording is asked for.
     """
     if run.is_file() and run.suffix == ".rrd":
+        if (clip, configuration, subject) != (None, None, None):
+            raise VfoaError(f"{run}: one recording has one layout: leave out --clip, --config and --subject")
         return [Composed(name=run.stem, files=(run,))]
     if not run.is_dir():
         raise VfoaError(f"{run}: expected a run's directory or a recording (.rrd), found nothing there")

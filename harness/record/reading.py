@@ -51,6 +51,11 @@ class RecordingFile:
         with reading(self._path):
             yield from self._reader.stream()
 
+    def frames(self) -> set[int]:
+        """Return the numbers of all frames."""
+        batches = (chunk.to_record_batch() for chunk in self.chunks() if "frame" in chunk.timeline_names)
+        return {number for batch in batches for number in batch.column("frame").cast("int64").to_pylist()}
+
     def properties(self) -> dict[str, object]:
         """Return the properties of the recording that are single values, by name."""
         by_name: dict[str, object] = {}

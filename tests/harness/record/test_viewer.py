@@ -241,6 +241,18 @@ def test_a_frame_that_the_clip_does_not_have_is_refused(frames, tmp_path):
     recording.expect_frame(13)
     with pytest.raises(VfoaError, match=r"clip\.rrd: found no frame 12.*10 to 14"):
         recording.expect_frame(12)
+    (alone,) = find_recordings(recording.files[-1], None, None)
+    alone.expect_frame(13)
+    with pytest.raises(VfoaError, match=r"clip__one.verdicts\.rrd: found no frame 12.*10 to 14"):
+        alone.expect_frame(12)
+
+
+@pytest.mark.parametrize("options", [["--clip", "clip"], ["--config", "one"], ["--subject", ANN]])
+def test_no_part_of_a_file_is_shown(frames, tmp_path, monkeypatch, capsys, options):
+    file = write_run(tmp_path / "run", {"one": frames}).files.attention("one")
+    monkeypatch.setattr(viewer, "show", lambda recordings, frame: pytest.fail("shown"))
+    assert _vfoa(monkeypatch, "view", str(file), *options) == 2
+    assert f"{file}: " in capsys.readouterr().err
 
 
 def test_two_configurations_are_compared_side_by_side_by_one_command(frames, tmp_path, monkeypatch, capsys):
