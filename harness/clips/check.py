@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -101,21 +102,28 @@ def _matching_problems(error_px: float, disparity_px: float) -> Iterator[str]:
         )
 
 
-def _rectified_notes(manifest: ClipManifest, error_px: float) -> Iterator[str]:
-    """A note if rows agree twice as well without rectification: the program of a camera may have rectified its images.
+_OTHER_READINGS = {
+    "rectified": "in the images as they are in the files, and {:.1f} once rectified: if they were rectified before",
+    "fisheye": "with the calibration read as that of fisheye lenses, and {:.1f} as it is: if it is of cv2.fisheye",
+}
+"""Settings of the calibration, and the end of a note that proposes each."""
 
-    ``error_px`` is the median row difference with it.
+
+def _rows_notes(manifest: ClipManifest, error_px: float) -> Iterator[str]:
+    """A note for each other reading of the calibration with which rows agree twice as well.
+
+    The program of a camera may have rectified its images; four coefficients may be of a fisheye lens. ``error_px`` is
+    the median row difference as it is.
     """
     if error_px < DOUBTED_ROWS_PX:
         return
-    as_they_are = manifest.model_copy(update={"source": {**manifest.source, "rectified": True}})
-    frames, _ = attempt(lambda: _sample(as_they_are.open_images()))  # None of a source without such a setting
-    offsets = _offsets_px(frames or ())
-    if len(offsets) >= MIN_MATCHES and (own_px := _rows_apart_px(offsets)) < error_px / 2:
-        yield (
-            f"matched points lie {own_px:.1f} rows apart in the images as they are in the files, and {error_px:.1f} "
-            "once rectified: if they were rectified before, say rectified = true in [source]"
-        )
+    for setting, words in _OTHER_READINGS.items():
+        other = manifest.model_copy(update={"source": {**manifest.source, setting: True}})
+        frames, _ = attempt(partial(_sample_of, other))  # None of a source without the setting
+        offsets = _offsets_px(frames or ())
+        if len(offsets) >= MIN_MATCHES and (own_px := _rows_apart_px(offsets)) < error_px / 2:
+            seen = f"matched points lie {own_px:.1f} rows apart {words.format(error_px)}"
+            yield f"{seen}, say {setting} = true in [source]"
 
 
 def _rows_apart_px(offsets: Float) -> float:
@@ -246,7 +254,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             *clip.notes,
             *([few] if has_right and not is_matched else []),
             *dict.fromkeys(note for frame in frames for note in camera_notes(frame.rig)),
-            *_rectified_notes(manifest, error_px),
+            *_rows_notes(manifest, error_px),
             *_time_notes(manifest, clip, changes, MOST_OFFSET if every_frame else QUICK_OFFSET),
             *_picture_bits_notes(greatest),
             *depth_notes(frames),
@@ -287,6 +295,10 @@ def _moving(clip: Clip, numbers: Sequence[int]) -> tuple[Float, tuple[str, ...]]
         return changes, ()
     first = next(iter(errors.values()))
     return changes, (f"{len(errors)} of {len(numbers)} frames cannot be read: {', '.join(map(str, errors))}; {first}",)
+
+
+def _sample_of(manifest: ClipManifest) -> list[StereoFrame]:
+    return _sample(manifest.open_images())
 
 
 def _sample(clip: Clip) -> list[StereoFrame]:
