@@ -302,6 +302,19 @@ def write_zed(path: Path, rig: Rig) -> Path:
     return write_text(path, "\n".join(lines) + "\n")
 
 
+def write_icub(path: Path, rig: Rig) -> Path:
+    sections = []
+    for side, k, d in zip(("LEFT", "RIGHT"), rig.k, rig.d, strict=True):
+        values = {"w": SIZE[0], "h": SIZE[1], "fx": k[0, 0], "fy": k[1, 1], "cx": k[0, 2], "cy": k[1, 2]}
+        values |= dict(zip(("k1", "k2", "p1", "p2"), d, strict=True))
+        lines = [f"[CAMERA_CALIBRATION_{side}]", "projection         pinhole", "drawCenterCross    0", ""]
+        sections.append("\n".join([*lines, *(f"{name} {value}" for name, value in values.items())]))
+    pose = np.vstack([np.column_stack([rig.rotation, rig.translation_m]), [0, 0, 0, 1]])
+    row = " ".join(map(str, pose.ravel().tolist()))
+    sections.append(f"[STEREO_DISPARITY]\nHN ({row})\nQL (-0.000767\t-0.000192)\n")
+    return write_text(path, "\n\n".join(sections))
+
+
 def rectified_rows_px(calibration: StereoCalibration, view: BoardView) -> Array:
     """Row differences (N,), pixels, of a view's corners after rectification: right minus left."""
     pair = calibration.rectification

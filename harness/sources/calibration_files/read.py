@@ -15,7 +15,7 @@ from pydantic import Field
 
 from harness.files.io import read_text
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files import basalt, depthai, documents, matlab, orb_slam, texts
+from harness.sources.calibration_files import basalt, depthai, documents, icub, matlab, orb_slam, texts
 from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
@@ -107,6 +107,8 @@ def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Came
     if path.suffix.lower() == ".conf":
         return "the ZED", texts.read_zed(path, size)
     text = read_text(path)
+    if icub.is_icub(text):
+        return icub.PROGRAM, icub.read_icub(path, text)
     if texts.is_middlebury(text):
         return "Middlebury", texts.read_middlebury(path, text)
     if texts.is_matrix(text):
@@ -188,7 +190,7 @@ _CALIBRATION_NAME = re.compile(
 )
 _CALIBRATION_CONTENT = re.compile(
     rb"\b(?:[KMP]1\b|camera_?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|cameraData\b|"
-    rb"Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b)",
+    rb"Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_)",
     re.IGNORECASE,
 )
 
@@ -211,7 +213,7 @@ _OF_THE_DAY = ("../calib_cam_to_cam.txt",)
 
 
 def _candidates(root: Path) -> Iterator[tuple[str, ...]]:
-    suffixes = SUFFIXES | FOREIGN_SUFFIXES | {".conf", ".txt"}
+    suffixes = SUFFIXES | FOREIGN_SUFFIXES | {".conf", ".ini", ".txt"}
     found = (path for pattern in ("*", "*/*", "*/*/*") for path in sorted(root.glob(pattern)))
     files = [path for path in found if path.suffix.lower() in suffixes and path.is_file()]
     counts = Counter((path.parent, path.suffix) for path in files)
