@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """An experiment by name, the clip to measure, its frames, and the provider of networks.
+    """An experiment by name, its configurations for the clip to measure, this clip, its frames, the networks' provider.
 
     ``overrides`` are changed settings, for a section that loads the experiment again.
     """
@@ -42,9 +42,9 @@ def _stereo(bench: Bench) -> list[Table]:
     from harness.bench.stereo import measure_stereo, stereo_table
 
     clip = bench.manifest.open_images()
-    if clip.truth(bench.frames[0]).disparity is None:
-        return []
-    return [stereo_table(bench.manifest.name, measure_stereo(clip, bench.experiment.configurations, bench.frames))]
+    is_known = clip.truth(bench.frames[0]).disparity is not None
+    measured = measure_stereo(clip, bench.experiment.configurations, bench.frames) if is_known else []
+    return [stereo_table(bench.manifest.name, measured)]
 
 
 def _realtime(bench: Bench) -> list[Table]:

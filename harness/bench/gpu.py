@@ -50,7 +50,7 @@ def measure_gpu(manifest: ClipManifest, experiment: Experiment, frames: Sequence
     """
     clip = manifest.open_images()
     (default,) = load_experiment("default", clips=(manifest.name,)).configurations
-    own = experiment.configurations[0].for_clip(manifest.name).choices
+    own = experiment.configurations[0].choices
     choices = {**default.choices, "stereo": STAGES["stereo"].parse({"matcher": "hitnet"}, "bench")}
     if own["segmentation"] and _is_network(own["segmentation"]):
         choices["segmentation"] = own["segmentation"]

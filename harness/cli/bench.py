@@ -34,7 +34,7 @@ def bench(
 ) -> None:
     """Measure the speed of stages, matchers, attention and networks, and the errors of matchers."""
     from harness.bench import OF_IMAGES, SECTIONS, Bench
-    from harness.cli.terminal import print_report, say
+    from harness.cli.terminal import print_reports, say
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write, check_new
     from harness.report.formats import to_markdown
@@ -52,10 +52,9 @@ def bench(
     check_provider(provider)
     changes = tuple(overrides or ())
     loaded = load_experiment(experiment, clips=(clip,) if clip else (), overrides=changes)
-    chosen = replace(
-        loaded, configurations=tuple(configuration.on(provider) for configuration in loaded.configurations)
-    )
-    manifest = load_manifest(chosen.clips[0])
+    manifest = load_manifest(loaded.clips[0])
+    of_clip = (configuration.for_clip(manifest.name) for configuration in loaded.configurations)
+    chosen = replace(loaded, configurations=tuple(configuration.on(provider) for configuration in of_clip))
     if out:
         check_new(out, replace=overwrite, hint=", or another --out", inputs=manifest.files)
     opened = manifest.open()
@@ -78,9 +77,9 @@ def bench(
     )
     tables = []
     for name in sections:
-        for table in SECTIONS[name](given):
-            print_report(table)
-            tables.append(table)
+        of_section = SECTIONS[name](given)
+        print_reports(of_section)
+        tables += of_section
     if out:
         machine = ", ".join(f"{key} {value}" for key, value in {**host(), **versions()}.items())
         command = shlex.join(["vfoa", *sys.argv[1:]])

@@ -136,6 +136,25 @@ def test_a_clip_of_measurements_is_timed_without_the_sections_of_images(
     assert "gpu: talk holds measurements" in said
 
 
+def test_the_first_experiment_of_a_working_directory_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its stages read files of the clip (``${CLIP}``), and the clip has no true disparity. The notes say units."""
+    monkeypatch.chdir(tmp_path)
+    assert vfoa(monkeypatch, capsys, "init", ".")[0] == 0
+    words = ("--only", "stages", "--only", "stereo", "--limit", "2", "--out", "b.md")
+    code, said, err = vfoa(monkeypatch, capsys, "bench", "experiments/first.toml", *words)
+    assert (code, err) == (0, "")
+    printed = " ".join(said.split())
+    stages, stereo = Path("b.md").read_text(encoding="utf-8").split("## ")[1:]
+    notes = [line[2:] for line in stages.splitlines() if line.startswith("- ")]
+    assert notes
+    assert all(note in printed for note in notes)
+    title = stereo.splitlines()[0]
+    assert "Nothing to show." in stereo
+    assert title in printed
+
+
 def _titled(name: str) -> Callable[[Bench], list[Table]]:
     return lambda bench: [Table(title=name, columns=("clip",), rows=((bench.manifest.name,),), words=1)]
 
