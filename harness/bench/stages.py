@@ -37,12 +37,16 @@ STAGES = (
 )
 
 
+ONCE = frozenset({"measures", "recording"})
+"""Stages that a run times once for the configurations that share them, at the first of these."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageCosts:
     """One configuration's milliseconds per frame, as if it ran alone: by stage (median, 95th percentile) and in total.
 
-    ``frames_per_second`` is from the medians of whole frames. ``recording_bytes`` is the size per frame of
-    all files that show the configuration, those that it shares with others included.
+    ``frame_ms`` is without the stages of :data:`ONCE`; ``frames_per_second`` is from its median. ``recording_bytes`` is
+    the size per frame of all files that show the configuration, those that it shares with others included.
     """
 
     configuration: str
@@ -98,7 +102,7 @@ def _costs(directory: RunDirectory, job: ClipJob) -> list[StageCosts]:
                 configuration=configuration,
                 frames=len(job.frames),
                 stages_ms={stage: by_stage[stage] for stage in STAGES if stage in by_stage},
-                frame_ms=_typical(own.groupby("frame")["ms"].sum()),
+                frame_ms=_typical(own[~own["stage"].isin(ONCE)].groupby("frame")["ms"].sum()),
                 recording_bytes=sum(file.stat().st_size for file in files) / len(job.frames) if files else None,
             )
         )
@@ -123,7 +127,9 @@ def stages_table(clip: str, rows: Sequence[StageCosts]) -> Table:
         ),
         words=1,
         notes=(
-            "Median / 95th percentile of a real run in one process with one thread, each configuration as if alone.",
+            "Median / 95th percentile of a real run in one process with one thread, each configuration as if alone. "
+            "Measures and recording are timed once, at the first of the configurations that share them, and are no "
+            "part of the whole frame.",
         ),
     )
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from harness.bench import SECTIONS, Bench
@@ -48,6 +49,22 @@ def test_stages_are_timed_for_a_method_that_uses_clouds() -> None:
     assert costs.frames == len(FRAMES)
     assert min(costs.stages_ms["attention"]) > 0
     assert costs.recording_bytes
+
+
+def test_what_configurations_share_makes_none_of_them_slower(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run times measures and recordings at the first configuration: the others would seem faster."""
+    first, second, *_ = load_experiment("demo", clips=(CLIP,)).configurations
+    ms = {(first.name, "stereo"): 10.0, (first.name, "measures"): 2.0, (first.name, "recording"): 20.0}
+    ms[second.name, "stereo"] = 10.0
+    times = [
+        {"clip": CLIP, "configuration": name, "frame": frame, "stage": stage, "ms": value}
+        for (name, stage), value in ms.items()
+        for frame in FRAMES
+    ]
+    monkeypatch.setattr("harness.bench.stages.read_timings", lambda directory: pa.Table.from_pylist(times))
+    costs = measure_stages(load_manifest(CLIP), [first, second], FRAMES, None)
+    assert [each.frame_ms for each in costs] == [(10.0, 10.0)] * 2
+    assert costs[0].stages_ms["recording"] == (20.0, 20.0)
 
 
 def test_rows_whose_models_are_not_here_are_left_out_with_a_note(
