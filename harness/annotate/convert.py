@@ -13,6 +13,7 @@ import numpy as np
 
 from harness.annotate.clip_stores import undo_command
 from harness.annotate.history import History
+from harness.annotate.marks import counts
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_new
 from harness.labels.drawn_shapes import Drawn
@@ -121,11 +122,15 @@ def _check_size(imported: Imported, manifest: ClipManifest, source: Path) -> Non
 
 def _taken(history: History, labels: Labels, drawn: Drawn) -> dict[Path, str]:
     """What an import replaces, in words by file: labels of its subjects, and shapes."""
-    given = {subject: sum(mark is not None for mark in history.labels.track(subject)) for subject in labels.subjects}
+    store = history.labels
+    given = {
+        subject: sum(counts(mark, at, store.seen(subject)) for at, mark in enumerate(store.track(subject)))
+        for subject in labels.subjects
+    }
     subjects = ", ".join(f"{subject} ({count} frames)" for subject, count in given.items() if count)
     present = {(track.name, track.kind) for track in history.drawing.content().tracks}
     shapes = ", ".join(f"{each.kind} of {each.name}" for each in drawn.tracks if (each.name, each.kind) in present)
-    found = {history.labels.path: subjects and f"labels of {subjects}", history.drawing.path: shapes}
+    found = {store.path: subjects and f"labels of {subjects}", history.drawing.path: shapes}
     return {path: words for path, words in found.items() if words}
 
 

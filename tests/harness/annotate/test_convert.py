@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pympi.Elan import Eaf
 
+from harness.annotate import actions
 from harness.annotate.convert import export_predictions, predicted_labels
+from harness.annotate.history import History
+from harness.clips.manifest import load_manifest
 from harness.labels.formats import FORMATS
+from harness.labels.labels import Timeline
 from harness.run.records import FrameRecord
 from harness.run.results import read_clip_records
 from tests import records as of_records
+from tests.annotating import FRAMES, make_work
 from tests.command import vfoa
 from tests.disk import write_image, write_text
 from tests.exchanges import SUBJECTS, TARGETS, PlainClip, exchange
@@ -155,3 +161,21 @@ def test_predictions_are_corrected_and_imported(
         "1,2,girl,bird,probability 0.75",
         "3,3,girl,none,",
     ]
+
+
+def test_an_import_counts_the_labels_that_are_in_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manifest = load_manifest(str(make_work(tmp_path) / "datasets" / "noise.toml"))
+    with closing(History(manifest, None, Timeline(frames=FRAMES, times_ns=()))) as history:
+        store = history.labels
+        store.put("ann", actions.look(store.track("ann"), 2, "cup"), seen=4)  # and carried to the end, in the page
+    table = write_text(tmp_path / "looks.csv", "subject,target,onset,duration\nann,book,0,0.4\n")
+    monkeypatch.chdir(tmp_path)
+    told = ("labels", "import", str(table), "--format", "table", "--clip", "noise", "--fps", "25")
+    code, _, said = vfoa(monkeypatch, capsys, *told)
+    assert code == 2
+    assert "ann (3 frames)" in said
+    code, _, said = vfoa(monkeypatch, capsys, *told, "--replace")
+    assert code == 0
+    assert "ann (3 frames)" in said
