@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -24,13 +25,22 @@ from vfoa.types import Image
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 import cv2
 
-VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ts"})
+_RAW_SUFFIXES = frozenset({".h264", ".264", ".h265", ".265", ".hevc"})
+"""Of streams as an encoder gives them (Raspberry Pi), which hold no times."""
+VIDEO_SUFFIXES = _RAW_SUFFIXES | {
+    *(".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".asf", ".flv", ".3gp", ".mxf"),
+    *(".ts", ".mts", ".m2ts"),  # .mts: AVCHD, of camcorders
+}
 
 STEP = 32
 """Most frames ahead that are decoded one by one; beyond that, seek."""
 
 RATE_TOLERANCE = 0.01
 """A stated rate is used if it is this near to the mean of the times, which some containers round to ms."""
+
+
+_SQUARE_TOLERANCE = 0.01
+"""Pixels are square if their sides differ by less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,13 +193,15 @@ def _indexed(path: Path) -> _Index:
     stamps = packets if _are_frames(path, packets) else list(_grabbed(_open(path)))
     if not stamps:
         raise VfoaError(f"{path}: no frame can be read; expected {_readable(path) if packets else 'a video'}")
+    if len(stamps) > 1 and len(set(stamps)) == 1:
+        film = shlex.join(["ffmpeg", "-r", "RATE", "-i", str(path), "-c", "copy", f"{path.stem}.mp4"])
+        raise VfoaError(f"{path}: its {len(stamps)} frames have no times (a raw stream?); expected a film: `{film}`")
     stated, claimed = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     span_s = (stamps[-1] - stamps[0]) / 1e9
     mean = round((len(stamps) - 1) / span_s, 3) if span_s > 0 else None
     agrees = mean is None or abs(stated / mean - 1) < RATE_TOLERANCE
     is_estimate = not agrees and mean and abs(claimed / stated * mean / len(stamps) - 1) < RATE_TOLERANCE
-    turn = _turn_of(path)
-    notes = []
+    turn, notes = _shown(path)
     if claimed > 0 and claimed != len(stamps) and not is_estimate:
         notes.append(f"{path.name}: the container says {claimed} frames, {len(stamps)} can be read")
     if turn != UPRIGHT:
@@ -215,8 +227,8 @@ def _kept(path: Path, stamp: str) -> _Index:
     return _indexed(path)
 
 
-def _turn_of(path: Path) -> Turn:
-    """The display matrix of a video's first picture.
+def _shown(path: Path) -> tuple[Turn, list[str]]:
+    """How a video's first picture is turned, by its display matrix; notes on rows of two times and on oblong pixels.
 
     The matrix is ``[a, b, u, c, d, v, x, y, w]`` with 16 fractional bits: a pixel (p, q) is shown at
     (a p + c q, b p + d q), x to the right and y down (libavutil/display.h).
@@ -231,16 +243,26 @@ def _turn_of(path: Path) -> Turn:
     try:
         with av.open(str(path)) as container:
             picture = next(container.decode(video=0))
+            aspect = container.streams.video[0].sample_aspect_ratio or Fraction(1)
     except (av.FFmpegError, StopIteration, IndexError, OSError) as error:
         raise VfoaError(f"{path}: no frame can be read; expected a video: {error}") from None
+    notes = []
+    if picture.interlaced_frame:
+        film = shlex.join(["ffmpeg", "-i", str(path), "-vf", "bwdif=0", "-crf", "15", f"{path.stem}.mp4"])
+        notes.append(f"{path.name}: pictures are interlaced, their odd and even rows are of two times: `{film}`")
+    if abs(aspect - 1) > _SQUARE_TOLERANCE:
+        notes.append(
+            f"{path.name}: pixels are {aspect.numerator}:{aspect.denominator}, not square: fy is that many times fx; a "
+            "calibration made from these pictures has both"
+        )
     data: Any = picture.side_data.get("DISPLAYMATRIX")
     if data is None:
-        return UPRIGHT
+        return UPRIGHT, notes
     values = np.frombuffer(bytes(data), np.int32, 5)
     a, b, _, c, d = np.rint(values / np.abs(values).max()).astype(int).tolist()
     for turn in (Turn(quarters, is_mirrored) for quarters in range(4) for is_mirrored in (False, True)):
         if turn.matrix == (a, b, c, d):
-            return turn
+            return turn, notes
     raise VfoaError(f"{path}: pictures are rotated by a part of 90 degrees; expected multiples of 90")
 
 

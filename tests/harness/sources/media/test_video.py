@@ -17,6 +17,7 @@ import pytest
 from harness.sources.media import video
 from harness.sources.media.video import STEP, Video, first_picture_s
 from harness.sources.stereo_folder import StereoFolderClip
+from harness.sources.stereo_layouts import find_layouts
 from tests.disk import moving_picture, write_bytes, write_text, write_video
 from vfoa.errors import VfoaError
 
@@ -53,10 +54,59 @@ def test_pictures_are_whole_where_a_decoder_cannot_begin_with_one(tmp_path: Path
         assert np.array_equal(Video(path).read(place), frames[place])
 
 
-def write_coded(path: Path, images: list[np.ndarray], options: dict[str, str]) -> None:
-    with av.open(str(path), "w") as container:
+@pytest.mark.parametrize("name", ["a.MTS", "a.m2ts", "a.3gp", "a.flv"])
+def test_films_of_camcorders_and_phones_are_films(tmp_path: Path, name: str) -> None:
+    for side in ("left", "right"):
+        write_coded(tmp_path / f"{side}_{name}", IMAGES[:40], {"bf": "2"}, form=FORMS.get(name[2:].lower()))
+    (found,) = find_layouts(tmp_path)
+    assert found.source == {"layout": "videos", "left": f"left_{name}", "right": f"right_{name}"}
+    assert (len(found.views.frames), found.views.rate_hz) == (40, 25.0)
+    assert found.views.time_ns(39) == 39 * 40_000_000
+    assert np.abs(found.views.read(17)[1].astype(int) - IMAGES[17]).mean() < 10
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_raw_stream_has_no_times_and_is_told_what_to_do(tmp_path: Path, named: bool) -> None:
+    for side in ("left", "right"):
+        write_coded(tmp_path / f"{side}.h264", IMAGES[:10], {"bf": "0"}, form="h264")
+    with pytest.raises(VfoaError, match=r"left\.h264: its 10 frames have no times \(a raw stream\?\)") as error:
+        Video(tmp_path / "left.h264") if named else find_layouts(tmp_path)
+    command = shlex.split(str(error.value).split("`")[1].replace("RATE", "25"))
+    assert command == ["ffmpeg", "-r", "25", "-i", str(tmp_path / "left.h264"), "-c", "copy", "left.mp4"]
+
+
+@pytest.mark.parametrize(
+    ("options", "aspect", "words"),
+    [
+        ({"x264-params": "interlaced=1"}, 1, ["a.mp4: pictures are interlaced"]),
+        ({}, Fraction(4, 3), ["a.mp4: pixels are 4:3, not square"]),
+        ({}, Fraction(1215, 1216), []),
+    ],
+)
+def test_rows_of_two_times_and_oblong_pixels_are_noted(
+    tmp_path: Path, options: dict[str, str], aspect: Fraction, words: list[str]
+) -> None:
+    images = [moving_picture(number, 128, 64) for number in range(8)]
+    write_coded(tmp_path / "a.mp4", images, {"crf": "12", **options}, aspect=aspect)
+    assert [note[: len(word)] for note, word in zip(Video(tmp_path / "a.mp4").notes, words, strict=True)] == words
+
+
+FORMS = {"mts": "mpegts", "m2ts": "mpegts", "3gp": "mp4"}
+"""FFmpeg's name of a form, where the end of a file's name does not tell it."""
+
+
+def write_coded(
+    path: Path,
+    images: list[np.ndarray],
+    options: dict[str, str],
+    *,
+    form: str | None = None,
+    aspect: Fraction | int = 1,
+) -> None:
+    with av.open(str(path), "w", format=form) as container:
         stream: Any = container.add_stream("libx264", rate=25, options=options)
         stream.height, stream.width, stream.pix_fmt = *images[0].shape[:2], "yuv420p"
+        stream.codec_context.sample_aspect_ratio = aspect
         for image in images:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
         container.mux(stream.encode(None))
