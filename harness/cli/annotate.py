@@ -7,13 +7,16 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Clip, NoOpen, Port, RunConfiguration, run_folder
+from harness.cli.options import Clip, NoOpen, Port, RunConfiguration, run_directories, run_folder
 from harness.cli.terminal import ended_by_signals, say, say_forwarding, say_unknown_names
 
 
 def annotate(
     clip: Clip,
-    run: Annotated[str | None, typer.Option(metavar="RUN", help="Show outlines and suggestions of this run.")] = None,
+    run: Annotated[
+        str | None,
+        typer.Option(metavar="RUN", help="Show outlines and suggestions of this run.", autocompletion=run_directories),
+    ] = None,
     config: RunConfiguration = None,
     annotator: Annotated[
         str | None, typer.Option(metavar="ANNOTATOR", help="Label CLIP@ANNOTATOR.csv, not CLIP.csv.")

@@ -11,17 +11,27 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Overrides, ProviderName, Replace
+from harness.cli.options import Overrides, ProviderName, Replace, clip_names, experiment_names
 
 ONLY_HELP = "Measure only this: stages, stereo, realtime, attention or gpu (several times for more)."
 
 
 def bench(
     experiment: Annotated[
-        str, typer.Argument(metavar="EXPERIMENT", help="Experiment whose configurations are measured.")
+        str,
+        typer.Argument(
+            metavar="EXPERIMENT",
+            help="Experiment whose configurations are measured.",
+            autocompletion=experiment_names,
+        ),
     ] = "demo",
     clip: Annotated[
-        str | None, typer.Option(metavar="CLIP", help="Measure on this clip. Default: the experiment's first clip.")
+        str | None,
+        typer.Option(
+            metavar="CLIP",
+            help="Measure on this clip. Default: the experiment's first clip.",
+            autocompletion=clip_names,
+        ),
     ] = None,
     limit: Annotated[int, typer.Option(metavar="N", min=2, help="Number of frames to measure.")] = 20,
     provider: Annotated[ProviderName, typer.Option(help="Run the networks on this provider of ONNX Runtime.")] = "cpu",

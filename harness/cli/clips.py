@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.clip_adding import add_clip
-from harness.cli.options import Json, clip_and_family_names
+from harness.cli.options import Clip, Json, clip_and_family_names
 from harness.cli.terminal import bytes_bar, exit_if_interrupted, frames_bar, print_json, print_table, say
 from harness.run.notes import clips_by_line
 from vfoa.errors import VfoaError, check_known, listed
@@ -69,7 +69,7 @@ def check_clips(
 
 @app.command(name="export", short_help="Write a clip's rectified images for other programs.")
 def export_clip(
-    clip: Annotated[str, typer.Argument(metavar="CLIP", help="The clip's name, or its .toml file.")],
+    clip: Clip,
     to: Annotated[Path, typer.Argument(metavar="FOLDER|FILM", help="New folder; or a film (.mp4) of the left view.")],
     right: Annotated[bool, typer.Option("--right", help="The right images, too.")] = False,
     jpeg: Annotated[bool, typer.Option("--jpg", help="JPEG (quality 95) in place of PNG.")] = False,

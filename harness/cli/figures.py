@@ -7,16 +7,24 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Replace, run_folder
+from harness.cli.options import Replace, Runs, clip_names, configuration_names, run_folder
 from harness.cli.terminal import say
 
 
 def figures(
-    runs: Annotated[list[str], typer.Argument(help="Directories of finished runs.", metavar="RUN...")],
+    runs: Runs,
     out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Directory to write the files into.")],
-    clip: Annotated[str | None, typer.Option(metavar="CLIP", help="Draw a failure of this clip as the strip.")] = None,
+    clip: Annotated[
+        str | None,
+        typer.Option(metavar="CLIP", help="Draw a failure of this clip as the strip.", autocompletion=clip_names),
+    ] = None,
     config: Annotated[
-        str | None, typer.Option(metavar="CONFIGURATION", help="Draw a failure of this configuration as the strip.")
+        str | None,
+        typer.Option(
+            metavar="CONFIGURATION",
+            help="Draw a failure of this configuration as the strip.",
+            autocompletion=configuration_names,
+        ),
     ] = None,
     subject: Annotated[
         str | None, typer.Option(metavar="NAME", help="Draw a failure of this person as the strip.")

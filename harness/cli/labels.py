@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from harness.cli.options import Clip, Replace, RunConfiguration, run_folder
+from harness.cli.options import (
+    Clip,
+    Replace,
+    RunConfiguration,
+    clip_names,
+    clip_names_and_run_directories,
+    run_folder,
+)
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -27,7 +34,10 @@ Annotators = Annotated[
     list[str] | None,
     typer.Argument(metavar="ANNOTATOR", help="Annotators. Default: all of the clip; CLIP means CLIP.csv."),
 ]
-ClipOption = Annotated[str, typer.Option("--clip", metavar="CLIP", help="The clip's name, or its .toml file.")]
+ClipOption = Annotated[
+    str,
+    typer.Option("--clip", metavar="CLIP", help="The clip's name, or its .toml file.", autocompletion=clip_names),
+]
 Annotator = Annotated[
     str | None,
     typer.Option(metavar="ANNOTATOR", help="Labels of this annotator, CLIP@ANNOTATOR.csv. Default: CLIP.csv."),
@@ -128,7 +138,12 @@ def import_(
 @app.command(name="export", short_help="Write labels, or a run's predictions, for another program.")
 def export(
     source: Annotated[
-        str, typer.Argument(metavar="CLIP|RUN", help="A clip's name or .toml file, or a run's directory.")
+        str,
+        typer.Argument(
+            metavar="CLIP|RUN",
+            help="A clip's name or .toml file, or a run's directory.",
+            autocompletion=clip_names_and_run_directories,
+        ),
     ],
     to: Annotated[
         Path | None, typer.Argument(metavar="[FILE]", help="File to write. Default for a run: RUN/labels/CLIP__CONFIG.")
@@ -136,7 +151,9 @@ def export(
     *,
     format_: Annotated[str, typer.Option("--format", metavar="FORMAT", help="elan, csv, or a package's.")],
     annotator: Annotator = None,
-    clip: Annotated[str | None, typer.Option(metavar="CLIP", help="Of a run: only this clip.")] = None,
+    clip: Annotated[
+        str | None, typer.Option(metavar="CLIP", help="Of a run: only this clip.", autocompletion=clip_names)
+    ] = None,
     fps: Fps = None,
     offset: Offset = None,
     config: RunConfiguration = None,

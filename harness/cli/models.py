@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from harness.cli.options import ProviderName, Replace, experiment_and_clip_names
+from harness.cli.options import ProviderName, Replace, experiment_and_clip_names, model_names
 from harness.cli.terminal import print_table, say
 
 if TYPE_CHECKING:
@@ -43,7 +43,10 @@ def list_models() -> None:
 
 @app.command(name="fetch", short_help="Fetch models from their own sites.")
 def fetch(
-    names: Annotated[list[str] | None, typer.Argument(metavar="NAME", help="Names of the catalogue.")] = None,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="MODEL", help="Names of the catalogue.", autocompletion=model_names),
+    ] = None,
     what: Annotated[
         str | None,
         typer.Option(
@@ -71,7 +74,7 @@ def fetch(
     from vfoa.errors import VfoaError
 
     if not names and what is None:
-        raise VfoaError("models fetch: found no NAME; expected names of `vfoa models list`, or --for CLIP")
+        raise VfoaError("models fetch: found no MODEL; expected names of `vfoa models list`, or --for CLIP")
     models = {name: find_model(name) for name in names or ()}
     if what is not None:
         is_default = not is_experiment(what)
@@ -101,7 +104,11 @@ def fetch(
 def check(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="NAME", help="Names of the catalogue. Default: all that are on this machine."),
+        typer.Argument(
+            metavar="MODEL",
+            help="Names of the catalogue. Default: all that are on this machine.",
+            autocompletion=model_names,
+        ),
     ] = None,
     provider: Annotated[ProviderName, typer.Option(help="Provider of ONNX Runtime to run them on.")] = "cpu",
 ) -> None:

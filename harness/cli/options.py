@@ -33,6 +33,25 @@ def experiment_and_clip_names(incomplete: str) -> list[str]:
     return [*_matching(["paper_cases", *names("experiments")], incomplete), *clip_and_family_names(incomplete)]
 
 
+def experiment_names(incomplete: str) -> list[str]:
+    """Experiments by name."""
+    from harness.files.folders import names
+
+    return _matching(names("experiments"), incomplete)
+
+
+def clip_names_and_run_directories(incomplete: str) -> list[str]:
+    """Clips by name, and runs."""
+    return [*clip_names(incomplete), *run_directories(incomplete)]
+
+
+def model_names(incomplete: str) -> list[str]:
+    """Models of the catalogue by name."""
+    from harness.pipeline.weights import catalogue
+
+    return _matching(catalogue(), incomplete)
+
+
 def preset_names(incomplete: str) -> list[str]:
     """Presets by name."""
     from harness.run.experiment import PRESETS
@@ -88,6 +107,10 @@ def run_folder(run: str) -> Path:
 
 Run = Annotated[
     str, typer.Argument(metavar="RUN", help="Directory of a run, such as runs/demo.", autocompletion=run_directories)
+]
+Runs = Annotated[
+    list[str],
+    typer.Argument(metavar="RUN...", help="Directories of finished runs.", autocompletion=run_directories),
 ]
 Recordings = Annotated[
     str, typer.Argument(metavar="RUN", help="Directory of a run, or one .rrd file.", autocompletion=run_directories)

@@ -13,7 +13,7 @@ from urllib.parse import quote, urlencode
 
 import typer
 
-from harness.cli.options import Json, NoOpen, Port, Run, Verbose, Where, run_folder
+from harness.cli.options import Json, NoOpen, Port, Run, Runs, Verbose, Where, run_directories, run_folder
 from harness.cli.terminal import MOST_ROWS, first_rows, print_json, print_reports, say
 
 if TYPE_CHECKING:
@@ -137,9 +137,14 @@ _KINDS = "significant-drop[=POINTS], drop=POINTS or possible-drop=POINTS"
 
 
 def compare(
-    runs: Annotated[list[str], typer.Argument(help="Directories of finished runs.", metavar="RUN")],
+    runs: Runs,
     baseline: Annotated[
-        str | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
+        str | None,
+        typer.Option(
+            metavar="RUN",
+            help="Compare each configuration with this run's of the same name.",
+            autocompletion=run_directories,
+        ),
     ] = None,
     fail_on: Annotated[
         str | None,

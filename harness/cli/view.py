@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 import typer
 
-from harness.cli.options import OneClip, OneConfiguration, Port, Recordings, Replace, run_folder
+from harness.cli.options import OneClip, OneConfiguration, Port, Recordings, Replace, run_directories, run_folder
 from harness.cli.terminal import ended_by_signals, say, say_forwarding, signals_as_ctrl_c
 from vfoa.errors import VfoaError, did_you_mean
 
@@ -286,7 +286,10 @@ def browse(
 
 
 def catalog(
-    runs: Annotated[list[str], typer.Argument(help="Directories of runs with recordings.", metavar="RUN...")],
+    runs: Annotated[
+        list[str],
+        typer.Argument(metavar="RUN...", help="Directories of runs with recordings.", autocompletion=run_directories),
+    ],
     port: Port = 0,
 ) -> None:
     """Serve runs as datasets of Rerun's catalogue on this machine; Ctrl-C ends it. Needs vfoa[catalog]."""

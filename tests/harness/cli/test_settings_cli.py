@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from pydantic import create_model
 
 import vfoa as package
+from harness.cli import commands
 from harness.cli.options import configuration_names, experiment_and_clip_names
 from harness.pipeline.configuration import STEPS, TABLES
 from harness.pipeline.settings_reference import setting_keys, settings_tables
@@ -78,6 +82,9 @@ def test_the_version_is_printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
         ("vfoa annotate studio_t", "studio_table"),
         ("vfoa run demo --set stereo.matc", "stereo.matcher="),
         ("vfoa settings stereo.sg", "stereo.sgbm"),
+        ("vfoa bench dem", "demo"),
+        ("vfoa labels import looks.csv --clip studio_t", "studio_table"),
+        ("vfoa models fetch yun", "yunet"),
     ],
 )
 def test_a_shell_completes_a_line(
@@ -88,6 +95,26 @@ def test_a_shell_completes_a_line(
     monkeypatch.setenv("COMP_CWORD", str(len(line.split()) - 1))
     _, printed, _ = vfoa(monkeypatch, capsys)
     assert offered in printed.split()
+
+
+def _parameters(command: Any, name: str = "vfoa") -> Iterator[tuple[str, Any]]:
+    """Every parameter of a command and of those in it, with the words that call it."""
+    for parameter in command.params:
+        yield f"{name} {parameter.name}", parameter
+    for word, each in getattr(command, "commands", {}).items():
+        yield from _parameters(each, f"{name} {word}")
+
+
+def test_a_shell_completes_every_name_that_vfoa_knows() -> None:
+    """What the help calls a clip, a run, an experiment, a configuration of a run, or a model."""
+    known = {"CLIP", "RUN", "EXPERIMENT", "CONFIGURATION", "MODEL"}
+    named = {
+        words: parameter
+        for words, parameter in _parameters(commands())
+        if known & set(re.split(r"[^A-Z]+", parameter.metavar or ""))
+    }
+    assert {"vfoa run what", "vfoa compare runs", "vfoa labels import clip", "vfoa bench experiment"} <= named.keys()
+    assert [words for words, parameter in named.items() if parameter._custom_shell_complete is None] == []
 
 
 def test_configurations_are_those_of_the_named_run(tmp_path: Path) -> None:
