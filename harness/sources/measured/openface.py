@@ -59,6 +59,8 @@ _REACH_M = 0.3
 """Greatest step of a person's eyes from one row to the next; a farther face is somebody else."""
 _LONGEST_M = 1000.0
 _MOST_FRAMES, _LATEST_S = 1_000_000, 1e9
+_MOST_HZ = 500.0
+"""Above it, time stamps are not times: versions of OpenFace wrote the number of the frame in milliseconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -243,6 +245,8 @@ def _times_ns(table: FaceTable, rate_hz: float | None, path: Path) -> dict[int, 
     is_ascending = len(stamped) > 0 and (np.diff(stamps_s) > 0).all() and (np.abs(stamps_s) < _LATEST_S).all()
     if not is_ascending:
         raise VfoaError(f"{path}: timestamp: does not ascend with the frames; expected rate_hz in [source]")
+    if len(stamped) > 1 and (found_hz := float(np.median(np.diff(stamped) / np.diff(stamps_s)))) > _MOST_HZ:
+        raise VfoaError(f"{path}: timestamp: found {found_hz:.0f} frames per second; expected rate_hz in [source]")
     times_s = np.interp(np.array(numbers), stamped, stamps_s)
     return {number: round(time_s * 1e9) for number, time_s in zip(numbers, times_s.tolist(), strict=True)}
 

@@ -78,6 +78,42 @@ def test_the_user_of_a_webcam_who_sits_aside_faces_the_camera(tmp_path: Path) ->
         assert np.degrees(off_rad) < 3.5  # with rx or ry the other way round, more than 4.5 and 15
 
 
+WITH_GAZE = """\
+frame, timestamp, confidence, success, gaze_0_x, gaze_0_y, gaze_0_z, gaze_1_x, gaze_1_y, gaze_1_z, pose_Tx, pose_Ty, \
+pose_Tz, pose_Rx, pose_Ry, pose_Rz, X_36, X_39, X_42, X_45, Y_36, Y_39, Y_42, Y_45, Z_36, Z_39, Z_42, Z_45
+1,0,0.883333,1,0.109059,0.062474,-0.99207,-0.124401,0.0663107,-0.990014,16.6573,43.4571,597.876,0.29759,-0.063753,\
+-0.0192347,-30.567,-3.64614,35.2282,61.5252,8.3981,10.5156,9.04537,5.54248,598.456,591.757,594.332,603.426
+2,0.001,0.883333,1,0.110256,0.0653561,-0.991752,-0.123464,0.0699788,-0.989879,16.2613,43.2594,596.885,0.326858,\
+-0.0580382,-0.0220719,-30.7544,-4.09644,34.6655,60.7833,8.42604,10.6319,9.0432,5.45043,596.183,589.549,592.15,600.839
+"""
+"""Two rows of ``feat/tests/data/OpenFace_Test.csv`` of github.com/cosanlab/py-feat @ d84c8003, with few landmarks."""
+MOUTH_MM = np.array([[-6.859, 79.4661, 604.331], [42.6169, 79.3959, 609.636]])
+"""Landmarks 48 and 54 of its first row."""
+
+
+def test_a_genuine_gaze_and_head_agree_with_the_landmarks_beside_them(tmp_path: Path) -> None:
+    """Somebody who looks at the camera, with the head down; the stamps are those of a thousand frames per second."""
+    write_text(tmp_path / "faces.csv", WITH_GAZE)
+    with pytest.raises(VfoaError, match=r"faces\.csv: timestamp: found 1000 frames per second; expected rate_hz in"):
+        open_measured("openface", tmp_path, file="faces.csv")
+    clip = open_measured("openface", tmp_path, file="faces.csv", rate_hz=30.0)
+    person = only_person(clip, 1)
+    assert person.view.head_pose is not None
+    assert person.view.gaze is not None
+    (_, *first), *_ = np.genfromtxt(tmp_path / "faces.csv", delimiter=",", skip_header=1)
+    eyes = np.array(first[-12:]).reshape(3, 4).T
+    outer, down = eyes[3] - eyes[0], MOUTH_MM.mean(axis=0) - (eyes[0] + eyes[3]) / 2
+    out_of_the_face = np.cross(down, outer) / np.linalg.norm(np.cross(down, outer))
+    off_deg = [
+        np.degrees(angle_between(out_of_the_face, head_direction(rx, ry)))
+        for rx, ry in ((0.29759, -0.063753), (0.29759, 0.063753), (-0.29759, -0.063753), (-0.29759, 0.063753))
+    ]
+    assert np.argmin(off_deg) == 0
+    assert off_deg[0] < 13
+    np.testing.assert_allclose(person.view.head_pose.direction, head_direction(0.29759, -0.063753))
+    assert np.degrees(angle_between(person.view.gaze.direction, -eyes.mean(axis=0))) < 5
+
+
 @pytest.mark.parametrize("old", [False, True])
 def test_places_are_metres_and_eyes_those_of_the_landmarks(tmp_path: Path, old: bool) -> None:
     rows = [row(1, 250, pose_Ty=40, pose_Ry=0.5, eyes_mm=(245, 10, 990)), row(2, 250)]
