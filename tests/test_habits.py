@@ -43,6 +43,16 @@ def test_no_two_test_files_share_a_name() -> None:
     assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
+def test_what_a_trial_leaves_is_not_committed() -> None:
+    if not (REPOSITORY / ".git").exists():
+        pytest.skip("no clone: it is not known what is committed")
+    listed = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
+    at_the_top = {name for name in listed.splitlines() if "/" not in name and not name.startswith(".")}
+    kinds = {Path(name).suffix for name in at_the_top - {"LICENSE", "Makefile"}}
+    assert kinds <= {".md", ".toml", ".lock", ".cff", ".yml", ".sh"}
+    assert {name for name in at_the_top if name.endswith(".yml")} == {"mkdocs.yml"}
+
+
 def test_what_continuous_integration_calls_is_there() -> None:
     workflow = (REPOSITORY / ".github/workflows/ci.yml").read_text(encoding="utf-8")
     matrix = yaml.safe_load(workflow)["jobs"]["checks"]["strategy"]["matrix"]
