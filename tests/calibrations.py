@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from harness.sources.calibrate.solve import StereoCalibration
@@ -193,12 +194,29 @@ def write_matlab_matrices(path: Path, rig: Rig) -> Path:
     return write_opencv(path, {**nodes, **pose, "ImageSize": np.array([[SIZE[1], SIZE[0]]], np.float64)})
 
 
+def write_mat(path: Path, values: dict[str, Any]) -> Path:
+    """Write a file of MATLAB by SciPy, with a large matrix and a struct beside the values."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    savemat(path, {**values, "x_1": np.zeros((2, 5000)), "stereoParams": {"K": 1.0}}, do_compression=True)
+    return path
+
+
+def write_toolbox(path: Path, rig: Rig) -> Path:
+    """What Bouguet's toolbox saves, mm."""
+    values: dict[str, Any] = {"R": rig.rotation, "T": 1000 * rig.translation_m[:, None], "nx": 1.0 * SIZE[0]}
+    for side, k, d in zip(("left", "right"), rig.k, rig.d, strict=True):
+        values |= {f"fc_{side}": k[[0, 1], [0, 1]][:, None], f"cc_{side}": k[:2, 2:], f"alpha_c_{side}": 0.0}
+        values[f"kc_{side}"] = np.append(d, 0.0)[:, None]
+    return write_mat(path, {**values, "ny": 1.0 * SIZE[1], "om": rig.rotation_vector[:, None]})
+
+
 def write_matlab_for_opencv(path: Path, rig: Rig) -> Path:
     """What stereoParametersToOpenCV returns, by its names, metres; the size is rows, columns."""
     names = {"K1": "intrinsicMatrix1", "K2": "intrinsicMatrix2", "R": "rotationOfCamera2", "T": "translationOfCamera2"}
     names |= {"D1": "distortionCoefficients1", "D2": "distortionCoefficients2"}
     values = {names[name]: value.tolist() for name, value in opencv_nodes(rig).items()}
-    return write_text(path, json.dumps({**values, "imageSize": [SIZE[1], SIZE[0]]}))
+    values["imageSize"] = [SIZE[1] * 1.0, SIZE[0] * 1.0]
+    return write_mat(path, values) if path.suffix == ".mat" else write_text(path, json.dumps(values))
 
 
 def write_opencv_lists(path: Path, rig: Rig) -> Path:

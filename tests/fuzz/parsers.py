@@ -249,6 +249,7 @@ PARSERS: Sequence[Parser] = (
     Parser("ORB-SLAM3 calibration", "mine.yaml", lambda path: calibrations.write_orb_slam_3(path, whole.RIG), _cameras),
     Parser("iCub calibration", "eyes.ini", lambda path: calibrations.write_icub(path, whole.RIG), _cameras),
     Parser("MATLAB calibration", "mine.json", lambda path: calibrations.write_matlab(path, whole.RIG), _cameras),
+    Parser("file of MATLAB", "mine.mat", lambda path: calibrations.write_toolbox(path, whole.RIG), _cameras),
     Parser("Basalt calibration", "mine.json", lambda path: calibrations.write_basalt(path, whole.RIG), _cameras),
     Parser("OAK calibration", "oak.json", lambda path: calibrations.write_depthai(path, whole.RIG), _cameras),
     Parser("ZED calibration", "SN1.conf", lambda path: calibrations.write_zed(path, whole.RIG), _cameras),

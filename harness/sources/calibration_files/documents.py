@@ -20,7 +20,7 @@ import yaml
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_xml, parse_yaml
 from harness.sources.calibration import from_projections
-from harness.sources.calibration_files.python_files import read_archive, read_json
+from harness.sources.calibration_files.python_files import read_archive, read_json, read_mat
 from harness.sources.rectification import (
     MODELS,
     Cameras,
@@ -34,7 +34,7 @@ from harness.sources.rectification import (
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
-SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz"})
+SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz", ".mat"})
 
 Document = Mapping[str, Any]
 
@@ -57,6 +57,8 @@ def read_document(path: Path) -> dict[str, Any]:
             return _read_xml(path)
         case ".npz":
             return read_archive(path)
+        case ".mat":
+            return read_mat(path)
         case ".json":
             document = read_json(path)
         case _:

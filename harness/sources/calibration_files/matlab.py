@@ -1,4 +1,4 @@
-"""Calibrations of MATLAB's Stereo Camera Calibrator: its struct in JSON, or its matrices in a file of OpenCV.
+"""Calibrations of MATLAB's Stereo Camera Calibrator: its struct in JSON, or its matrices in a file of OpenCV or MATLAB.
 
 ``jsonencode(toStruct(stereoParams))`` has, in a table of its own or not::
 
@@ -9,6 +9,9 @@
 Scripts that write the matrices alone number them: ``IntrinsicMatrix1``, ``RadialDistortion1``. MATLAB multiplies rows
 by matrices, x_camera2 = x_camera1 R + t, so R and the intrinsic matrix are OpenCV's, transposed; K, in newer versions,
 is not. The middle of the first pixel is 1, 1.
+
+Bouguet's Camera Calibration Toolbox saves ``Calib_Results_stereo.mat`` with ``fc_left``, ``cc_left``, ``kc_left`` ...
+and ``R``, ``T``, in OpenCV's conventions and mm, as its board is.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ PROGRAM = "MATLAB"
 _POSE = ("RotationOfCamera2", "TranslationOfCamera2")
 _LENS = ("RadialDistortion", "TangentialDistortion")
 _MATRICES = ("IntrinsicMatrix", "K")
+_TOOLBOX = (*(f"{name}_{side}" for side in ("left", "right") for name in ("fc", "cc", "kc")), "R", "T")
 _UNITS_M = {
     **dict.fromkeys(("millimeters", "mm"), 0.001),
     **dict.fromkeys(("centimeters", "cm"), 0.01),
@@ -39,7 +43,7 @@ _MOST_SKEW_PX = 0.5
 def is_matlab(document: Document) -> bool:
     """Whether a document holds a pair of MATLAB, whose lens distortion is split into radial and tangential."""
     values = _inner(document)
-    return "CameraParameters1" in values or "RadialDistortion1" in values
+    return "CameraParameters1" in values or "RadialDistortion1" in values or values.keys() >= {*_TOOLBOX}
 
 
 def matlab_pair(document: Document, size: ImageSize, where: str, *, has_unit: bool) -> RawCalibration:
@@ -51,6 +55,8 @@ def matlab_pair(document: Document, size: ImageSize, where: str, *, has_unit: bo
         If a name is missing, a matrix is of no camera, or a camera has a skew.
     """
     values = _inner(document)
+    if values.keys() >= {*_TOOLBOX}:
+        return _toolbox_pair(values, size, where, unit_m=1.0 if has_unit else 0.001)
     expect_names(values, _POSE, where, f"MATLAB's jsonencode(toStruct(stereoParams)) with {' and '.join(_POSE)}")
     first, second = (_camera_values(values, number, where) for number in "12")
     rotation = numbers(values["RotationOfCamera2"], f"{where}: RotationOfCamera2", 9).reshape(3, 3).T
@@ -60,6 +66,24 @@ def matlab_pair(document: Document, size: ImageSize, where: str, *, has_unit: bo
         _camera(camera, size, f"{where}: camera {number}") for number, camera in enumerate((first, second), start=1)
     )
     return rectify_pose(left, right, rotation, unit_m * translation, where)
+
+
+def _toolbox_pair(values: Document, size: ImageSize, where: str, *, unit_m: float) -> RawCalibration:
+    """The pair of Bouguet's toolbox."""
+
+    def camera(side: str) -> RawCamera:
+        focal, centre = (numbers(values[f"{name}_{side}"], f"{where}: {name}_{side}", 2) for name in ("fc", "cc"))
+        width, height = (values.get(name) for name in ("nx", "ny"))
+        is_sized = width is not None and height is not None
+        return RawCamera(
+            size_px=(int(numbers(width, where, 1)[0]), int(numbers(height, where, 1)[0])) if is_sized else size(),
+            k=np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]]),
+            d=numbers(values[f"kc_{side}"], f"{where}: kc_{side}", 5),
+        )
+
+    rotation = numbers(values["R"], f"{where}: R", 9).reshape(3, 3)
+    translation = numbers(values["T"], f"{where}: T", 3)
+    return rectify_pose(camera("left"), camera("right"), rotation, unit_m * translation, where)
 
 
 def _inner(document: Document) -> Document:

@@ -1,8 +1,9 @@
-"""Calibrations as Python saves them: NumPy's archives, JSON, and the kinds of files that are refused by name."""
+"""Calibrations in NumPy's archives, JSON and MATLAB's files, and the kinds of files that are refused by name."""
 
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +19,7 @@ SAVE = 'np.savez("stereo.npz", K1=K1, D1=D1, K2=K2, D2=D2, R=R, T=T, image_size=
 """What users of Python save instead of another kind of file."""
 
 _MATLAB = (
-    "a file of MATLAB",
+    "a file of MATLAB without matrices that can be read (of version 7.3, or with objects alone)",
     "expected what jsonencode(toStruct(stereoParams)) returns, in a file .json (or, of a struct with K1 D1 K2 D2 R T, "
     "jsonencode of that)",
 )
@@ -32,13 +33,12 @@ _MAPS = (
 
 _BY_SUFFIX = {
     **dict.fromkeys((".pkl", ".pickle", ".p", ".joblib"), _PICKLE),
-    ".mat": _MATLAB,
     **dict.fromkeys((".h5", ".hdf5"), _HDF5),
     ".npy": _ONE_ARRAY,
 }
 _BY_HEAD = (
     (re.compile(rb"\x80[\x02-\x05]"), _PICKLE),
-    (re.compile(rb"MATLAB [57]"), _MATLAB),
+    (re.compile(rb"MATLAB 7"), _MATLAB),
     (re.compile(rb"\x89HDF"), _HDF5),
     (re.compile(rb"\x93NUMPY"), _ONE_ARRAY),
 )
@@ -96,6 +96,31 @@ def read_archive(path: Path) -> dict[str, Any]:
             if "allow_pickle" not in str(error):
                 raise
             raise _refusal(path, ("holds objects of Python (a dict or a list)", f"expected matrices: {SAVE}")) from None
+
+
+_MOST_NUMBERS = 1000
+"""Larger matrices of a file of MATLAB are no camera's, and are not read."""
+
+
+def read_mat(path: Path) -> dict[str, Any]:
+    """Return the small matrices of a file of MATLAB by name; its objects and structs are not read.
+
+    Raises
+    ------
+    VfoaError
+        If it is no such file, or has none.
+    """
+    from scipy.io import loadmat, whosmat  # slow to import
+
+    try:
+        held = [(name, math.prod(shape), kind) for name, shape, kind in whosmat(path)]
+        names = [name for name, size, kind in held if size <= _MOST_NUMBERS and kind in ("double", "single")]
+        matrices = loadmat(path, variable_names=names) if names else {}
+    except Exception as error:  # of the reader, which has no common base
+        raise _refusal(path, _MATLAB) from error
+    if not names:
+        raise _refusal(path, _MATLAB)
+    return {name: matrices[name] for name in names}
 
 
 def read_json(path: Path) -> Any:

@@ -197,7 +197,7 @@ _CALIBRATION_CONTENT = re.compile(
 
 def _is_large(path: Path) -> bool:
     """Whether a file is too long to be tried as a calibration."""
-    most = _LARGEST_ARCHIVE_BYTES if path.suffix.lower() == ".npz" else LARGEST_BYTES
+    most = _LARGEST_ARCHIVE_BYTES if path.suffix.lower() in (".npz", ".mat") else LARGEST_BYTES
     return path.is_file() and path.stat().st_size > most
 
 

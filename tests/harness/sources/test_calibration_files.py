@@ -358,6 +358,14 @@ def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
         read_cameras([path], _size, Options(calibration_cameras=(3, 0)))
 
 
+@pytest.mark.parametrize("write", [calibrations.write_matlab_for_opencv, calibrations.write_toolbox])
+def test_small_matrices_of_matlab_s_own_files_are_read(tmp_path: Path, write: Callable[[Path, Rig], Path]) -> None:
+    cameras = _raw([write(tmp_path / "data" / "mine.mat", RIG)])
+    assert cameras.left.size_px == SIZE
+    _assert_rows_match_and_depths_come_back(cameras, RIG, _points(5))
+    assert find_calibrations(tmp_path, _size) == ([("data/mine.mat",)], [])
+
+
 @pytest.mark.parametrize("unit", ["m", "cm", "mm"])
 def test_a_unit_that_is_said_replaces_that_of_matlab_s_file(tmp_path: Path, unit: Unit) -> None:
     """MATLAB writes millimetres wherever nobody has said the unit of the board's squares."""

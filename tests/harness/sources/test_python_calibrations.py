@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from harness.sources.calibration_files.python_files import SAVE
 from harness.sources.calibration_files.read import find_calibrations, read_cameras
@@ -87,6 +88,8 @@ FOREIGN: dict[str, tuple[Callable[[Path], object], str]] = {
     "stereo_calib.pkl": (lambda path: write_bytes(path, pickle.dumps(NODES)), "a pickle of Python"),
     "calibration.bin": (lambda path: write_bytes(path, pickle.dumps(NODES)), "a pickle of Python"),
     "stereoParams.mat": (lambda path: write_bytes(path, b"MATLAB 5.0 MAT-file, Platform: PCWIN64"), "a file of MATLAB"),
+    "stereo_objects.mat": (lambda path: savemat(path, {"stereoParams": {"K": 1.0}}), "a file of MATLAB"),
+    "stereo_new.mat": (lambda path: write_bytes(path, b"MATLAB 7.3 MAT-file, Platform: PCWIN64"), "a file of MATLAB"),
     "calibration.h5": (lambda path: write_bytes(path, b"\x89HDF\r\n\x1a\n"), "a file of HDF5"),
     "camera_matrix.npy": (lambda path: np.save(path, NODES["K1"]), "one array of NumPy"),
     "stereo_calib.npz": (_npz(calibration=np.array(NODES, object)), "objects of Python"),
