@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from itertools import pairwise
@@ -19,9 +20,12 @@ _RUN = re.compile(r"\d+")
 
 
 class Dates(NamedTuple):
-    """The time of each name, ns since 1970 as a clock at UTC would have it, and which runs of digits it takes up."""
+    """The time of each name since 1970, as a clock at UTC would have it, and which runs of digits it takes up.
 
-    times_ns: list[int]
+    Times are in ms, or in us or ns if there are decimals of these.
+    """
+
+    times: list[int]
     runs: range
 
 
@@ -31,31 +35,33 @@ def find_dates(names: Sequence[str]) -> Dates | None:
     A number after the second is its decimals, unless it is an index, which grows from each second to the next.
     """
     found = [match for match in map(_DATED.search, names) if match]
-    times = [time for match in found if (time := _time_of(match)) is not None]
+    seconds = [second for match in found if (second := _second_of(match)) is not None]
     decimals = [match["decimals"] or "" for match in found]
-    if len(times) < len(names) or len(set(times)) == 1 or len(set(map(len, decimals))) > 1:
+    if len(seconds) < len(names) or len(set(seconds)) == 1 or len(set(map(len, decimals))) > 1:
         return None
-    is_index = bool(found[0]["mark"]) and _is_index(sorted(zip(times, map(int, decimals), strict=True)))
-    end = "second" if is_index or not decimals[0] else "decimals"
+    is_index = bool(found[0]["mark"]) and _is_index(sorted(zip(seconds, map(int, decimals), strict=True)))
+    if is_index:
+        decimals = [""] * len(found)
+    end = "decimals" if decimals[0] else "second"
     runs = {(_runs_to(match, match.start()), _runs_to(match, match.end(end))) for match in found}
     if len(runs) > 1:
         return None
-    if end == "decimals":
-        times = [time + int(digits.ljust(9, "0")) for time, digits in zip(times, decimals, strict=True)]
+    width = max(3, math.ceil(len(decimals[0]) / 3) * 3)
+    times = [int(f"{second}{digits.ljust(width, '0')}") for second, digits in zip(seconds, decimals, strict=True)]
     return Dates(times, range(*runs.pop()))
 
 
-def _time_of(match: re.Match[str]) -> int | None:
-    """The second in ns since 1970; None if there is no such day, hour, minute or second."""
+def _second_of(match: re.Match[str]) -> int | None:
+    """The second since 1970; None if there is no such day, hour, minute or second."""
     year, _, month, day, hour, minute, second, *_ = match.groups()
     try:
-        return int(np.datetime64(f"{year}-{month}-{day}T{hour}:{minute}:{second}", "ns").astype(np.int64))
+        return int(np.datetime64(f"{year}-{month}-{day}T{hour}:{minute}:{second}", "s").astype(np.int64))
     except ValueError:
         return None
 
 
 def _is_index(numbered: Sequence[tuple[int, int]]) -> bool:
-    """Whether numbers beside ascending times always grow, where decimals would begin again with the next second."""
+    """Whether numbers beside ascending seconds always grow, where decimals would begin again with the next second."""
     steps = list(pairwise(numbered))
     return all(number < later for (_, number), (_, later) in steps) and any(a == b for (a, _), (b, _) in steps)
 

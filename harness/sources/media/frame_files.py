@@ -108,7 +108,8 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
     """File names by frame number, ascending: the number is the one run of digits that differs between them.
 
     Of an index and a time stamp that both differ, it is the index. Seconds since 1970 and their decimals are one
-    number, and so are a date and its time of day: ns since 1970. The ``folder`` is that of patterns in messages.
+    number, and so are a date and its time of day: ms since 1970, or us or ns. The ``folder`` is that of patterns in
+    messages.
     """
     names = sorted(names)
     runs = {name: _DIGITS.findall(os.path.splitext(name)[0]) for name in names}
@@ -127,7 +128,7 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
         numbers = _numbers_of(_with_decimals(first, varying))
     else:
         beside = [column for place, column in varying.items() if place not in dates.runs]
-        numbers = _numbers_of([list(map(str, dates.times_ns)), *beside])
+        numbers = _numbers_of([list(map(str, dates.times)), *beside])
     if numbers is None:
         raise VfoaError(
             f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; expected one, or "

@@ -157,13 +157,14 @@ def test_a_date_and_its_time_of_day_are_one_number(pattern: str, digits: int) ->
     start = datetime(2023, 12, 31, 23, 59, 58, tzinfo=UTC)
     times = [start + timedelta(milliseconds=ms) for ms in FRAMES_MS]
     names = [time.strftime(pattern) + f"{time.microsecond * 1000:09d}"[:digits] + "_left.png" for time in times]
-    since_1970 = [round(start.timestamp()) * 10**9 + ms * 10**6 for ms in FRAMES_MS]
+    of_ms = {2: 1, 3: 1, 6: 10**3, 9: 10**6}[digits]
+    since_1970 = [(round(start.timestamp()) * 1000 + ms) * of_ms for ms in FRAMES_MS]
     assert number_names(reversed(names), "left") == dict(zip(since_1970, names, strict=True))
 
 
 def test_a_date_without_decimals_is_a_time_and_one_beside_an_index_is_not() -> None:
     seconds = ["20230501_123058", "20230501_123059", "20230501_123100"]
-    assert np.diff(list(number_names([f"{name}.png" for name in seconds], "left"))).tolist() == [10**9, 10**9]
+    assert np.diff(list(number_names([f"{name}.png" for name in seconds], "left"))).tolist() == [1000, 1000]
     names = [f"2023-05-01_12-30-{44 + number // 3}_{number:04d}.png" for number in range(9)]
     assert list(number_names(names, "left").values()) == names
     assert list(number_names(names, "left")) == list(range(9))
