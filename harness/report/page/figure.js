@@ -126,7 +126,14 @@ export function gutter(list, width, share = 0.4) {
   return Math.min(24 + 7.1 * Math.max(...list.map((each) => each.length), 4), share * width);
 }
 
-export function fitted(words, width) {
-  const most = Math.max(Math.floor(width / 7.1), 3);
-  return words.length <= most ? words : `${words.slice(0, most - 1)}…`;
+// Words of at most so many characters: of longer ones the middle is left out, since names differ at either end.
+export function shortened(words, most) {
+  if (words.length <= most) return words;
+  const end = Math.floor((most - 1) / 2);
+  return `${words.slice(0, most - 1 - end)}…${words.slice(words.length - end)}`;
 }
+
+export const fitted = (words, width) => shortened(words, Math.max(Math.floor(width / 7.1), 3));
+
+// A name with its value in one line, of which the name is shortened.
+export const withValue = (name, value, width) => `${fitted(name, width - 7.1 * (value.length + 2))}  ${value}`;

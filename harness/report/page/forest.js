@@ -47,7 +47,7 @@ function drawByClip(groups, width, { names, from }) {
   groups.forEach((each, i) => {
     if (i % 2 === 0) svg.prepend(drawn("rect", { class: "band", x: 0, y: top, width, height: heights[i] }));
     const below = top + (narrow ? 16 : 0);
-    svg.append(narrow ? text(4, top + 15, each.name, { class: "label" })
+    svg.append(narrow ? text(4, top + 15, fitted(each.name, width - 4), { class: "label" })
       : text(left - 12, top + heights[i] / 2 + 4, fitted(each.name, left - 12), { class: "label", "text-anchor": "end" }));
     each.rows.forEach((one, k) => {
       const group = actionable(drawn("g", { class: "row" }), `${inWords(one)}. Show its wrong frames.`,

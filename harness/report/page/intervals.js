@@ -1,7 +1,7 @@
 // Values with their intervals, each in a row of its own, on one scale.
 
 import { actionable, drawn } from "./dom.js";
-import { canvas, fitted, gutter, hue, marker, path, text, ticks } from "./figure.js";
+import { canvas, fitted, gutter, hue, marker, path, text, ticks, withValue } from "./figure.js";
 
 const ROW = 30;
 
@@ -40,7 +40,7 @@ export function drawIntervals(rows, width, { title, from, to, tick, aside = 118,
     const group = each.action ? actionable(drawn("g", { class: "row" }), each.words, each.action)
       : drawn("g", { class: "row", role: "img", "aria-label": each.words }, drawn("title", {}, each.words));
     group.append(drawn("rect", { class: "hit", x: 0, y: y - ROW / 2 - above, width, height: ROW + above }));
-    if (narrow) group.append(text(4, y - ROW / 2 - 1, fitted(`${each.label}  ${each.printed}${each.ends && ` (${each.ends})`}`, width), { class: "label" }));
+    if (narrow) group.append(text(4, y - ROW / 2 - 1, withValue(each.label, `${each.printed}${each.ends && ` (${each.ends})`}`, width), { class: "label" }));
     else {
       group.append(text(left - 12, y + 4, fitted(each.label, left - 12), { class: "label", "text-anchor": "end" }),
         text(width - beside + 8, y + 4, each.printed, { class: "value" }),

@@ -1,7 +1,7 @@
 // The error types of wrong frames: a stacked bar for each configuration.
 
 import { actionable, choice, drawn, element, percent, words } from "./dom.js";
-import { canvas, figure, fitted, gutter, path, text, ticks } from "./figure.js";
+import { canvas, figure, fitted, gutter, path, text, ticks, withValue } from "./figure.js";
 import { goToFirst } from "./selection.js";
 import { data } from "./packs.js";
 import { overall, rowsByClip, stateOf } from "./store.js";
@@ -26,7 +26,7 @@ function stacked(bars, width) {
   }
   bars.forEach((bar, i) => {
     const y = i * (ROW + above) + above + 5;
-    svg.append(narrow ? text(left, y - 5, `${bar.name}  ${bar.said}`, { class: "label" })
+    svg.append(narrow ? text(left, y - 5, withValue(bar.name, bar.said, width - left), { class: "label" })
       : text(left - 12, y + 17, fitted(bar.name, left - 12), { class: "label", "text-anchor": "end" }));
     if (!narrow) svg.append(text(x(bar.total) + 8, y + 17, bar.said, { class: "value" }));
     let start = 0;

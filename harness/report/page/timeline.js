@@ -1,6 +1,7 @@
 // The timeline of one subject on a canvas: frame numbers, the truth and the outcomes of each configuration; pointer and keys.
 
 import { button, choice, element } from "./dom.js";
+import { shortened } from "./figure.js";
 import { answersLane, axisLane, framesAt, isCrowded, STRIP, stripLane, toX, truthLane } from "./timeline_lanes.js";
 import { canvasPen, palette } from "./pens.js";
 import { followInRecording, openRecording } from "./recordings.js";
@@ -57,8 +58,7 @@ function place(width) {
 function drawLane(pen, lane, colours) {
   const chosen = lane.lane === shown.lane;
   const at = view.left ? [view.left - 10, lane.top + Math.min(15, lane.height - 4)] : [2, lane.top - 3];
-  const most = Math.floor((view.left || view.width) / 6.6) - 2;
-  const words = lane.label.length > most ? `${lane.label.slice(0, most)}…` : lane.label;
+  const words = shortened(lane.label, Math.floor((view.left || view.width) / 6.6) - 2);
   pen.text(...at, `${chosen ? "▸ " : ""}${words}`, colours.of(chosen ? "ink" : "soft"), { align: view.left ? "right" : "left", weight: chosen ? 700 : 400 });
   lane.draw(pen, view, lane.top, colours);
 }

@@ -160,6 +160,21 @@ def test_names_of_any_length_fit(report: ReportPage, tmp_path: Path, width_px: i
     assert report.js("return document.documentElement.scrollWidth <= innerWidth")
 
 
+@pytest.mark.parametrize("width_px", [1280, 390])
+def test_long_names_that_differ_at_their_ends_are_told_apart_and_keep_their_rates(
+    report: ReportPage, tmp_path: Path, width_px: int
+) -> None:
+    name = "cones_of_ten_and_of_twenty_five_centimetres_and_a_mean_of_gaze_and_head_{}"
+    given = {name.format(number): answers for number, answers in enumerate(GIVEN.values())}
+    report.open(_write(tmp_path, given, **{name.format("clip"): TRUTH, "other": TRUTH}), width_px=width_px)
+    for figure, rates in (("#draw-forest figure", ("40.0 %", "100.0 %")), ("#draw-errors figure", ("60.0 %", "0.0 %"))):
+        words = report.find(f"{figure} svg").text.replace("\n", " ")
+        for number, rate in enumerate(rates):
+            assert "…" in words
+            assert f"_{number} " in words
+            assert rate in words
+
+
 def test_the_first_screen_is_the_answer(page: ReportPage) -> None:
     best, baseline, difference, why, step = page.find("#verdict").text.split("\n")
     assert best.startswith("Best of 2: it's two, right in 100.0 % ")
