@@ -79,7 +79,10 @@ class RowReader:
     def _frames(self, cells: list[str], where: str) -> tuple[int, int, None]:
         for name, cell in zip(FRAME_COLUMNS, cells, strict=False):
             if whole_number(cell) is None:
-                raise VfoaError(f"{where}: {name}: found {cell[:40]!r}; expected a frame number")
+                rounded = (
+                    "; a spreadsheet program keeps 15 digits: give start_s and end_s" if "e+" in cell.lower() else ""
+                )
+                raise VfoaError(f"{where}: {name}: found {cell[:40]!r}; expected a frame number{rounded}")
         first, last = int(cells[0]), int(cells[1])
         check_ends(first, last, self._timeline, where)
         return first, last, None

@@ -124,6 +124,12 @@ def test_a_gap_is_taken_from_work_that_is_not_finished(tmp_path: Path) -> None:
         _read(path)
 
 
+def test_stamps_that_a_spreadsheet_program_rounded_name_the_columns_in_seconds(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.csv", HEAD + "1.76432E+18,1.76432E+18,girl,bird,\n")
+    with pytest.raises(VfoaError, match=r"a\.csv:3: first_frame: .*start_s and end_s"):
+        _read(path)
+
+
 def test_a_suggestion_never_counts(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.csv", STATE_HEAD + "1,2,girl,bird,,suggested\n3,4,girl,bird,,\n")
     labels = _read(path)
