@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from harness.report.frames_csv import export_frames
+from harness.run.directory import RunDirectory
+from harness.score.finished_run import FinishedRun
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.pages import BLOCK
 from tests.repository import REPOSITORY
+from vfoa.geometry import angle_between
 
 PAGE = REPOSITORY / "docs" / "tutorials" / "real-person.md"
 FETCHED, SHOWN = ("clips", "fetch"), ("view",)
+TURN = re.compile(r"a head that is turned by (\d+) degrees")
 ROW = re.compile(r"^\| ([\w-]+)(?: \(.*?\))? \| 1 \| (\d+) \| (.*?) \|$", re.MULTILINE)
 
 
@@ -28,6 +34,13 @@ def answers(run: str) -> dict[str, tuple[str, str]]:
         row["configuration"]: ("100" if row["outcome"] == "correct" else "0", row["predicted"].strip("()"))
         for row in rows
     }
+
+
+def turned(run: str) -> tuple[int, str | None]:
+    """The angle of the man's head from the camera in the labelled frame, degrees, and why he has no gaze."""
+    record = next(each for each in FinishedRun.read(RunDirectory(Path("runs", run))).records() if each.frame == 6)
+    (man,) = record.subjects
+    return round(math.degrees(angle_between(np.array(man.head), -np.array(man.eye_origin_m)))), man.no_gaze
 
 
 def test_the_tutorial_gives_the_tables_that_it_shows(
@@ -64,3 +77,5 @@ def test_the_tutorial_gives_the_tables_that_it_shows(
         for part in page.split("## Another head-pose model")
     )
     assert (answers("rig"), answers("profile")) == (first, second)
+    of_page = [int(turn) for turn in TURN.findall(page)]
+    assert [turned("rig"), turned("profile")] == [(turn, "face_turned_away") for turn in of_page]
