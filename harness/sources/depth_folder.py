@@ -15,7 +15,7 @@ from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
-from harness.sources.media.frame_files import rate_of
+from harness.sources.media.frame_files import StampUnit, rate_of
 from harness.sources.media.images import read_rgb, width_by_height
 from harness.sources.media.maps import read_depth_file
 from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
@@ -29,15 +29,17 @@ class DepthFolderSettings(Settings):
 
     ``colour`` and ``depth`` are folders, globs (``depth/*.npy``), printf patterns, or two lists of times and files
     (``rgb.txt``, ``depth.txt``, or twice ``associations.txt``), joined if they are at most ``tolerance_ms`` apart.
+    ``stamps``: the numbers in the files' names are times, in this unit, and joined likewise.
     ``depth_scale`` is the number of counts per metre (if not given, integers are millimetres and floating point
     numbers metres; TUM RGB-D has 5000). The camera is a file (``calibration``) or numbers (``camera``);
-    ``rectified``: the images have no lens distortion. Without ``rate_hz``, times are those of the lists; images without
-    times are one second apart.
+    ``rectified``: the images have no lens distortion. Without ``rate_hz``, times are those of the lists or names;
+    images without times are one second apart.
     """
 
     colour: str
     depth: str
     depth_scale: float | None = Field(default=None, gt=0)
+    stamps: StampUnit | None = None
     tolerance_ms: float = Field(default=DEPTH_TOLERANCE_MS, ge=0)
     calibration: str | None = None
     camera: Intrinsics | None = None
@@ -49,16 +51,19 @@ class DepthFolderSettings(Settings):
         check_one_calibration(self.calibration, self.camera)
         if self.camera is not None and self.camera.baseline_m is not None:
             raise ValueError("found camera.baseline_m; expected none for a camera that measures depth")
+        if self.stamps is not None and (self.rate_hz is not None or self.colour.endswith(".txt")):
+            raise ValueError(f"stamps: found {self.stamps!r}; expected neither lists nor rate_hz beside it")
         return self
 
 
 class DepthFolderClip:
     """A clip from colour images and depth maps of the same size, aligned: each pixel's depth is at its own place.
 
-    Frames have the numbers in the files' names, or numbers from 1 for lists. Notes are on images without a frame.
+    Frames have the numbers in the colour images' names, or numbers from 1 for lists. Notes are on images without a
+    frame.
 
     root/
-      rgb/000007.png      any image OpenCV reads; colour and depth are joined by number
+      rgb/000007.png      any image OpenCV reads; colour and depth are joined by number, or by time
       depth/000007.png    16 bits, or .npy, .exr, .tif, .pfm
       intrinsics.json     see harness.sources.calibration_files.one_camera
 
@@ -74,7 +79,8 @@ class DepthFolderClip:
         self._folder = folder = root if root is not None else Path.cwd()
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
-        self._files = find_depth_frames(folder, settings.colour, settings.depth, settings.tolerance_ms)
+        files = settings.colour, settings.depth
+        self._files = find_depth_frames(folder, *files, settings.tolerance_ms, settings.stamps)
         self.frames = tuple(self._files.colours)
         self.notes = (*self._files.notes, *(settings.camera.notes if settings.camera else ()))
 
@@ -89,7 +95,7 @@ class DepthFolderClip:
         return self._settings.rate_hz or (rate_of(self._files.times_ns.values()) if self._files.times_ns else None)
 
     def time_ns(self, number: int) -> int:
-        """Time from the lists, or the number over the rate (without lists, or if the manifest gives a rate)."""
+        """Time from lists or names, or the number over the rate (without these, or if the manifest gives a rate)."""
         check_number(number, self.frames, self._folder)
         if self._files.times_ns is None or self._settings.rate_hz:
             return round(number * 1e9 / (self._settings.rate_hz or 1.0))
@@ -120,7 +126,7 @@ class DepthFolderClip:
         paths = [(f"{role} {number}", path_of[number]) for number in self.frames for role, path_of in roles]
         if self._settings.calibration is not None:
             paths.append(("calibration", self._folder / self._settings.calibration))
-        settings = self._settings.model_dump_json(exclude={"colour", "depth", "calibration"})
+        settings = self._settings.model_dump_json(exclude={"colour", "depth", "calibration", "stamps"})
         return hashlib.sha256(f"{digest_files(paths)} {files.times_ns} {settings}".encode()).hexdigest()
 
     @cached_property

@@ -18,7 +18,15 @@ from typing import Any, NamedTuple
 from harness.files.io import read_text
 from harness.sources import Recognised
 from harness.sources.calibration_files.one_camera import read_one_camera
-from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, join_times, walk_files
+from harness.sources.media.frame_files import (
+    IMAGE_SUFFIXES,
+    TICKS_NS,
+    StampUnit,
+    find_frames,
+    join_times,
+    stamp_unit,
+    walk_files,
+)
 from harness.sources.media.images import read_rgb
 from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
 from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
@@ -57,7 +65,7 @@ def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
 
 
 class DepthFrames(NamedTuple):
-    """The files of each frame, ascending by number; its time in ns if lists have it; notes on files without a frame."""
+    """The files of each frame, ascending by number; its time in ns if it is known; notes on files without a frame."""
 
     colours: dict[int, Path]
     depths: dict[int, Path]
@@ -65,10 +73,13 @@ class DepthFrames(NamedTuple):
     notes: tuple[str, ...]
 
 
-def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float) -> DepthFrames:
+def find_depth_frames(
+    folder: Path, colour: str, depth: str, tolerance_ms: float, stamps: StampUnit | None = None
+) -> DepthFrames:
     """Return the frames of two patterns of files (``rgb/*.png``), or of two lists of files with times (``rgb.txt``).
 
     Frames of lists are numbered from 1 by the colour images' times, at most ``tolerance_ms`` from the depth's.
+    ``stamps``: so far apart, too, may the numbers in names be, which are times in this unit.
 
     Raises
     ------
@@ -79,23 +90,26 @@ def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float
         raise VfoaError(f"{folder}: colour {colour!r} and depth {depth!r}: expected two lists (.txt), or none")
     colours: Mapping[int, Path]
     depths: Mapping[int, Path]
-    if has_times := colour.endswith(".txt"):
+    tick_ns = 1 if stamps is None else TICKS_NS[stamps]
+    if is_listed := colour.endswith(".txt"):
         words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
         colours, depths = map(read_stamped_list, (folder / colour, folder / depth), words)
-        times, others = list(colours), list(depths)
-        pairs = [(times[i], others[j]) for i, j in join_times(times, others, round(tolerance_ms * 1e6))]
-        rule = f"within {tolerance_ms:g} ms (tolerance_ms)"
     else:
         colours, depths = (find_frames(folder, pattern, str(folder)) for pattern in (colour, depth))
+    if has_times := is_listed or stamps is not None:
+        times, others = list(colours), list(depths)
+        pairs = [(times[i], others[j]) for i, j in join_times(times, others, round(tolerance_ms * 1e6 / tick_ns))]
+        rule = f"within {tolerance_ms:g} ms (tolerance_ms)"
+    else:
         pairs = [(number, number) for number in sorted(colours.keys() & depths.keys())]
         rule = "of the same number"
     if not pairs:
         raise VfoaError(f"{folder}: no image of {colour!r} has a partner in {depth!r} {rule}")
-    numbered = dict(enumerate(pairs, start=1)) if has_times else {pair[0]: pair for pair in pairs}
+    numbered = dict(enumerate(pairs, start=1)) if is_listed else {pair[0]: pair for pair in pairs}
     return DepthFrames(
         {number: colours[key] for number, (key, _) in numbered.items()},
         {number: depths[key] for number, (_, key) in numbered.items()},
-        {number: time for number, (time, _) in numbered.items()} if has_times else None,
+        {number: time * tick_ns for number, (time, _) in numbered.items()} if has_times else None,
         tuple(
             f"{name}: {len(files) - len(pairs)} of {len(files)} images have no partner {rule}"
             for name, files in ((colour, colours), (depth, depths))
@@ -146,16 +160,23 @@ def recognise_depth(path: Path) -> tuple[Recognised, ...]:
             faults.append(fault)
             continue
         for colour in colours:
-            with suppress(VfoaError):  # no common number
-                readings.append(_recognised(path, {"colour": colour, "depth": depth}))
+            with suppress(VfoaError):  # no partners
+                readings.append(_recognised(path, {"colour": colour, "depth": depth, **_stamps(path, colour, depth)}))
     if faults and not readings:
         raise faults[0]
     return tuple(readings)
 
 
+def _stamps(path: Path, *patterns: str) -> dict[str, StampUnit]:
+    """The setting ``stamps``, if the numbers in the names are times."""
+    unit = stamp_unit(number for pattern in patterns for number in find_frames(path, pattern, str(path)))
+    return {} if unit is None else {"stamps": unit}
+
+
 def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
     """The reading of these files, with a calibration beside them or, for TUM's cameras, the published one."""
-    colours = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS).colours
+    found = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS, source.get("stamps"))
+    colours = found.colours
     calibration = None
     files = {entry.name.lower(): entry for entry in path.iterdir() if entry.is_file()}
     for file in (files[name.lower()] for name in _CALIBRATIONS if name.lower() in files):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -18,10 +18,17 @@ from numpy.typing import NDArray
 from harness.sources import Recognised
 from harness.sources.calibration_files.read import Options, find_calibrations
 from harness.sources.media import yarp
-from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, numbered_views, pair_names, walk_files
+from harness.sources.media.frame_files import (
+    IMAGE_SUFFIXES,
+    find_frames,
+    numbered_views,
+    pair_names,
+    stamp_unit,
+    walk_files,
+)
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
-from harness.sources.stereo_pairs import PACKINGS, PairFiles, StampUnit, StereoPairs, find_sides
+from harness.sources.stereo_pairs import PACKINGS, PairFiles, StereoPairs, find_sides
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 from vfoa.validation import parse
@@ -132,7 +139,7 @@ def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
             lefts, rights = find_sides(root, left, right)
     except VfoaError:
         return  # names with a side but without a common numbering
-    stamps = _stamps((*lefts, *rights))
+    stamps = stamp_unit((*lefts, *rights))
     if stamps is None and not lefts.keys() & rights.keys():
         return
     times = Path(left).parent / _TIMES  # KITTI's image_02/timestamps.txt beside image_02/data
@@ -153,15 +160,8 @@ def _open_stamped(root: Path, files: PairFiles) -> FoundLayout:
 def read_layout(root: Path, files: PairFiles) -> FoundLayout:
     """Return the layout of files that the user names; raises the errors of their :meth:`PairFiles.views`."""
     if files.layout == "images" and files.stamps is None:
-        files = files.model_copy(update={"stamps": _stamps(find_frames(root, str(files.left), "source.left"))})
+        files = files.model_copy(update={"stamps": stamp_unit(find_frames(root, str(files.left), "source.left"))})
     return _open(root, files)
-
-
-def _stamps(frames: Iterable[int]) -> StampUnit | None:
-    """The unit of numbers that are times since 1970: today's have 13 digits in ms, 16 in us, 19 in ns."""
-    units: dict[int, StampUnit] = {13: "ms", 16: "us", 19: "ns"}
-    lengths = {len(str(number)) for number in frames}
-    return units.get(lengths.pop()) if len(lengths) == 1 else None
 
 
 def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:

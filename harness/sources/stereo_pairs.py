@@ -15,7 +15,15 @@ from pydantic import Field, model_validator
 
 from harness.files.digests import digest_files
 from harness.files.io import read_text
-from harness.sources.media.frame_files import find_frames, join_nearest, join_times, nearest_apart, rate_of
+from harness.sources.media.frame_files import (
+    TICKS_NS,
+    StampUnit,
+    find_frames,
+    join_nearest,
+    join_times,
+    nearest_apart,
+    rate_of,
+)
 from harness.sources.media.images import read_rgb, turn_of, width_by_height
 from harness.sources.media.video import VIDEO_SUFFIXES, Video, first_picture_s
 from vfoa.errors import VfoaError, reported_as
@@ -27,9 +35,6 @@ PACKINGS: tuple[Packing, ...] = ("side_by_side", "top_bottom")
 Layout = Literal[
     "images", "images_side_by_side", "images_top_bottom", "videos", "video_side_by_side", "video_top_bottom"
 ]
-StampUnit = Literal["s", "ms", "us", "ns"]
-TICKS_NS: dict[StampUnit, int] = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-
 _SHOWN = 8
 _RATES_DIFFER = 5e-4  # half of the difference between 30 and 29.97 frames per second
 _TIME = re.compile(r"(?:19|20|21)[0-9]{2}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?")

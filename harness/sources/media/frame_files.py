@@ -10,7 +10,7 @@ from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from harness.sources.media.dated_names import find_dates
 from vfoa.errors import VfoaError
 
 Value = TypeVar("Value")
+
+StampUnit = Literal["s", "ms", "us", "ns"]
+TICKS_NS: dict[StampUnit, int] = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 
 _DIGITS = re.compile(r"\d+")
 _PRINTF = re.compile(r"%0?(\d*)d")
@@ -121,11 +124,11 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
             f"{where}: {first!r} and {odd!r} do not share one numbering; "
             "expected names that differ in a frame number, or a pattern with %d for it"
         )
-    columns = enumerate(zip(*runs.values(), strict=True))
-    varying = {place: column for place, column in columns if len(set(map(int, column))) > 1}
+    columns = list(zip(*runs.values(), strict=True))
+    varying = {place: column for place, column in enumerate(columns) if len(set(map(int, column))) > 1}
     dates = find_dates([os.path.splitext(name)[0] for name in names])
     if dates is None:
-        numbers = _numbers_of(_with_decimals(first, varying))
+        numbers = _numbers_of(_with_decimals(first, columns, varying))
     else:
         beside = [column for place, column in varying.items() if place not in dates.runs]
         numbers = _numbers_of([list(map(str, dates.times)), *beside])
@@ -144,24 +147,34 @@ _FEWER_DIGITS = 3
 """By how many digits an index is shorter than a stamp beside it."""
 
 
-def _with_decimals(name: str, columns: Mapping[int, Sequence[str]]) -> list[Sequence[str]]:
-    """The numbers that differ between names such as this one, by place; seconds with decimals become ms, us or ns.
+def _with_decimals(
+    name: str, columns: Sequence[Sequence[str]], varying: Mapping[int, Sequence[str]]
+) -> list[Sequence[str]]:
+    """The numbers that differ between names such as this one; seconds with decimals become ms, us or ns.
 
-    Such are ``1718000000.123456`` and ``1718000000_123456789``. Decimals of several lengths stay apart: it is not known
-    what they count.
+    Such are ``1718000000.123456`` and ``1718000000_123456789``, also where all have the same decimals. Those of several
+    lengths stay apart: it is not known what they count.
     """
     ends = [match.end() for match in _DIGITS.finditer(name)]
-    joined = list[Sequence[str]]()
-    for place, column in columns.items():
-        seconds, length = columns.get(place - 1, ()), len(column[0])
-        is_after_seconds = seconds and all(map(_SECONDS.fullmatch, seconds))
-        marks = ("." if length < 9 else "._-") if length <= 9 and {*map(len, column)} == {length} else ""
-        if is_after_seconds and name[ends[place - 1]] in marks:
-            width = math.ceil(length / 3) * 3
-            joined[-1] = [second + decimals.ljust(width, "0") for second, decimals in zip(seconds, column, strict=True)]
-        else:
-            joined.append(column)
-    return joined
+
+    def has_decimals(place: int) -> bool:
+        after = columns[place + 1] if place + 1 < len(columns) else ()
+        if len({*map(len, after)}) != 1 or not all(map(_SECONDS.fullmatch, columns[place])):
+            return False
+        digits = len(after[0])
+        return name[ends[place]] in ("._-" if digits == 9 else "." if digits < 9 else "")
+
+    def with_decimals(place: int) -> list[str]:
+        width = math.ceil(len(columns[place + 1][0]) / 3) * 3
+        both = zip(columns[place], columns[place + 1], strict=True)
+        return [second + decimals.ljust(width, "0") for second, decimals in both]
+
+    seconds = {place for place in varying if has_decimals(place)}
+    return [
+        with_decimals(place) if place in seconds else column
+        for place, column in varying.items()
+        if place - 1 not in seconds
+    ]
 
 
 def _numbers_of(columns: Sequence[Sequence[str]]) -> list[int] | None:
@@ -314,6 +327,13 @@ def _opposite(way: str, side: str, sides: Mapping[str, set[str]]) -> str:
         return f"{number + 1:0{len(side)}d}" if is_left else ""
     words = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
     return words.get(side, "")
+
+
+def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
+    """The unit of numbers that are times since 1970: today's have 13 digits in ms, 16 in us, 19 in ns."""
+    units: dict[int, StampUnit] = {13: "ms", 16: "us", 19: "ns"}
+    lengths = {len(str(number)) for number in numbers}
+    return units.get(lengths.pop()) if len(lengths) == 1 else None
 
 
 def join_times(left: Sequence[int], right: Sequence[int], tolerance: int) -> list[tuple[int, int]]:

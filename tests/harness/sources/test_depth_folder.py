@@ -181,6 +181,38 @@ def test_tum_is_joined_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     check_contract(clip)
 
 
+@pytest.mark.parametrize(
+    ("pattern", "stamps"),
+    [("{:.6f}", "us"), ("{:.3f}", "ms"), ("{0:.0f}123456789", "ns")],
+)
+def test_names_that_are_times_are_joined_by_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pattern: str, stamps: str
+) -> None:
+    for place, n in enumerate(NUMBERS):
+        time_s = 1718000000.9 + place
+        write_image(tmp_path / "take" / "rgb" / f"{pattern.format(time_s)}.png", picture(n))
+        write_counts(tmp_path / "take" / "depth" / f"{pattern.format(time_s + 0.004)}.png", n)
+    write_counts(tmp_path / "take" / "depth" / f"{pattern.format(1718000009.0)}.png", 9)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["add", "take", *OPTIONS], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    manifest = load_manifest("take")
+    clip = manifest.open_images()
+    assert (manifest.source["stamps"], clip.rate_hz, len(clip.frames)) == (stamps, 1.0, len(NUMBERS))
+    tick_ns = {"ns": 1, "us": 10**3, "ms": 10**6}[stamps]
+    for number, n in zip(clip.frames, NUMBERS, strict=True):
+        assert clip.time_ns(number) == number * tick_ns
+        np.testing.assert_allclose(clip.frame(number).depth_m, metres(n), rtol=1e-6)
+    assert clip.notes == ("depth/*.png: 1 of 4 images have no partner within 20 ms (tolerance_ms)",)
+    check_contract(clip)
+
+
+def test_stamps_have_no_rate_beside_them() -> None:
+    settings = {"colour": "rgb", "depth": "depth", "camera": CAMERA, "stamps": "us", "rate_hz": 30}
+    with pytest.raises(ValueError, match=r"stamps: .*rate_hz"):
+        DepthFolderSettings.model_validate(settings)
+
+
 def test_without_a_calibration_it_says_what_to_give(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"^[^\n]*--fx --cx --cy[^\n]*$"):
         add_clip(png(tmp_path / "take"))
