@@ -139,15 +139,40 @@ def _time_notes(manifest: ClipManifest, clip: Clip, changes: Float, most: int) -
     """A note if the right views are not of the time of the left ones, by the motion (2, N) in both, or by its rows."""
     by = right_offset(changes, min(most, changes.shape[1] // 2))
     if by is None and changes.shape[1] >= ROWS_FRAMES:
-        by = offset_by_rows(lambda number: attempt(lambda: clip.frame(number))[0], _middle(clip.frames, ROWS_FRAMES))
-    if by is None:
+        spans = _stretches(clip.frames)
+        found = [(offset_by_rows(lambda number: attempt(lambda: clip.frame(number))[0], span), span) for span in spans]
+        known = [(offset, span) for offset, span in found if offset is not None]
+        if len({offset for offset, _ in known}) > 1:
+            parts = ", ".join(f"{_later(offset)} in frames {span[0]} to {span[-1]}" for offset, span in known)
+            yield (
+                f"what moves in the left view moves in the right one {parts}: a camera lost images in between; pair "
+                "them by times (stamps), or make a clip of each part"
+            )
+            return
+        by = next((offset for offset, _ in known), 0)
+    if not by:
         return
-    frames = "1 frame" if abs(by) == 1 else f"{abs(by)} frames"
-    seen = f"what moves in the left view moves {frames} {'later' if by > 0 else 'earlier'} in the right one"
+    seen = f"what moves in the left view moves {_later(by)} in the right one"
     if manifest.source.get("layout") in ("videos", "images") and "stamps" not in manifest.source:
         yield f"{seen}: say right_offset = {manifest.source.get('right_offset', 0) + by} in [source]"
     else:
         yield f"{seen}: are the stamps or numbers of both cameras of one clock?"
+
+
+def _later(by: int) -> str:
+    """By how many frames something is later."""
+    if by == 0:
+        return "at the same time"
+    return f"{abs(by)} {'frame' if abs(by) == 1 else 'frames'} {'later' if by > 0 else 'earlier'}"
+
+
+def _stretches(numbers: Sequence[int]) -> list[Sequence[int]]:
+    """Frames that follow each other: the first, middle and last ones of a clip, or of a short one those in the middle.
+
+    A camera that loses an image in between is out of step from there on.
+    """
+    middle = _middle(numbers, ROWS_FRAMES)
+    return [middle] if len(numbers) < 3 * ROWS_FRAMES else [numbers[:ROWS_FRAMES], middle, numbers[-ROWS_FRAMES:]]
 
 
 def depth_notes(frames: Sequence[StereoFrame]) -> Iterator[str]:

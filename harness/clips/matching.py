@@ -31,12 +31,12 @@ _Features = tuple[Float, cv2.typing.MatLike | None]
 """Places (N, 2), columns and rows, and descriptors; None for no feature."""
 
 
-def _factor(image: Image) -> int:
-    return math.ceil(max(image.shape) / MATCHED_SIDE_PX)
+def _factor(image: Image, side_px: int = MATCHED_SIDE_PX) -> int:
+    return math.ceil(max(image.shape) / side_px)
 
 
-def _features(gray: NDArray[np.uint8]) -> _Features:
-    points, found = cv2.SIFT.create(nfeatures=2000).detectAndCompute(gray, None)
+def _features(gray: NDArray[np.uint8], most: int = 2000) -> _Features:
+    points, found = cv2.SIFT.create(nfeatures=most).detectAndCompute(gray, None)
     return np.array([point.pt for point in points], np.float64).reshape(-1, 2), found
 
 
@@ -185,6 +185,7 @@ def _agreement(changes: Float, by: int) -> float:
 
 ROWS_FRAMES = 15
 """Number of frames, which follow each other, that are compared."""
+_ROWS_SIDE_PX, _ROWS_FEATURES = 1024, 800
 _MOST_ROWS_OFFSET = 2
 _LEFTS = (4, 7, 10)
 _LEAST_MOVED, _MOVED_GRAY, _MOVED_PX = 60, 6, 9
@@ -197,7 +198,7 @@ In bandage_2, 0.09 px at the true offset; one frame beside it 1.2, two 1.8 to 2.
 
 
 def offset_by_rows(read: Callable[[int], StereoFrame | None], numbers: Sequence[int]) -> int | None:
-    """As :func:`right_offset`, by at most two frames, from the rows of points that move; None if nothing says so.
+    """As :func:`right_offset`, by at most two frames, from the rows of points that move; None if these do not tell.
 
     ``numbers`` are :data:`ROWS_FRAMES` frames that follow each other. Motion that is as fast in each frame does not
     tell the two times apart by how much moves, but by where it is.
@@ -206,13 +207,13 @@ def offset_by_rows(read: Callable[[int], StereoFrame | None], numbers: Sequence[
     for number in numbers:
         if (frame := read(number)) is None or frame.right is None:
             return None
-        factor = _factor(frame.left)
+        factor = _factor(frame.left, _ROWS_SIDE_PX)
         lefts.append(_shrunk_gray(frame.left, factor))
-        rights.append(_features(_shrunk_gray(frame.right, factor)))
+        rights.append(_features(_shrunk_gray(frame.right, factor), _ROWS_FEATURES))
     reach = range(-_MOST_ROWS_OFFSET - 1, _MOST_ROWS_OFFSET + 2)
     rows_px = {by: list[Float]() for by in reach}
     for place in _LEFTS:
-        left, moved = _features(lefts[place]), _moved(lefts[place - 1], lefts[place + 1])
+        left, moved = _features(lefts[place], _ROWS_FEATURES), _moved(lefts[place - 1], lefts[place + 1])
         for by in reach:
             points = _matched(left, rights[place + by])
             columns, rows = points[:, 0].astype(int).T
@@ -223,7 +224,7 @@ def offset_by_rows(read: Callable[[int], StereoFrame | None], numbers: Sequence[
     median_px = {by: float(np.median(of_offset)) for by, of_offset in apart.items()}
     best = min(reach[1:-1], key=lambda by: median_px[by])
     worse = min(median_px[by] for by in (0, best - 1, best + 1) if by != best)
-    return best if best and worse >= max(LEAST_ROWS_PX, LEAST_BETTER * median_px[best]) else None
+    return best if worse >= max(LEAST_ROWS_PX, LEAST_BETTER * median_px[best]) else None
 
 
 def _moved(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> NDArray[np.bool_]:

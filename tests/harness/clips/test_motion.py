@@ -65,14 +65,14 @@ def test_views_of_other_places_are_not_told(tmp_path: Path) -> None:
     assert right_offset(motion(_frames(pairs, 0)), 16) is None
 
 
-def _poster(seed: int, step: tuple[int, int]) -> list[tuple[Image, Image]]:
+def _poster(seed: int, step: tuple[int, int], count: int = ROWS_FRAMES + 2) -> list[tuple[Image, Image]]:
     """Pairs in which a poster moves by (columns, rows) in each frame, before a wall 8 pixels apart."""
     random = np.random.default_rng(seed)
     wall, poster = (
         cv2.resize(random.integers(0, 255, (60, 80, 3), np.uint8), size) for size in ((408, 300), (160, 120))
     )
     pairs = []
-    for number in range(ROWS_FRAMES + 2):
+    for number in range(count):
         views = wall[:, :400].copy(), wall[:, 8:].copy()
         for view, disparity in zip(views, (24, 0), strict=True):
             row, column = 20 + step[1] * number, 40 + step[0] * number + disparity
@@ -85,7 +85,7 @@ def _poster(seed: int, step: tuple[int, int]) -> list[tuple[Image, Image]]:
 def test_what_moves_as_fast_in_each_frame_is_told_by_its_rows(late: int) -> None:
     frames = _frames(_poster(1, (2, 3)), late)[:ROWS_FRAMES]
     assert right_offset(motion(frames), 7) is None
-    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) == (late or None)
+    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) == late
 
 
 def test_rows_tell_nothing_of_what_moves_sideways_or_cannot_be_read() -> None:
@@ -108,7 +108,26 @@ def test_real_views_of_other_frames_are_told_by_their_rows(shared_data: Path, la
         for number in range(15, 15 + ROWS_FRAMES + 2)
     ]
     frames = _frames(pairs, late)[:ROWS_FRAMES]
-    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) == (late or None)
+    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) == late
+
+
+@pytest.mark.usefixtures("work_here")
+@pytest.mark.parametrize(("lost", "words"), [(None, []), (20, [(0, "at the same time"), (50, "1 frame earlier")])])
+def test_a_camera_that_loses_an_image_is_out_of_step_from_there_on(
+    tmp_path: Path, lost: int | None, words: list[tuple[int, str]]
+) -> None:
+    """The names of both cameras' images count on."""
+    pairs = _poster(1, (1, 2), 66)
+    rights = [right for place, (_, right) in enumerate(pairs) if place != lost]
+    for number, ((left, _), right) in enumerate(zip(pairs, rights, strict=False)):
+        write_image(tmp_path / "data" / "left" / f"{number:03d}.png", left)
+        write_image(tmp_path / "data" / "right" / f"{number:03d}.png", right)
+    vfoa("add", tmp_path / "data", *NUMBERS, "--name", "mine")
+    (checked,) = vfoa("check", "mine")
+    told = [note for note in checked["notes"] if "what moves" in note]
+    assert len(told) == bool(words)
+    for begin, word in words:
+        assert f"{word} in frames {begin} to {begin + ROWS_FRAMES - 1}" in told[0]
 
 
 def test_frames_that_cannot_be_read_are_no_motion() -> None:
