@@ -53,9 +53,7 @@ def score(
             raise VfoaError("score: --where does not go with --annotator; expected one of them")
         scores = read_scores(RunDirectory(folder), _conditions(where))
         print_reports([summary_table(scores)[0]])
-        say(
-            "\n".join([f"Only frames with {' and '.join(where)}.", *verdict_lines(scores, recorded=scores.is_recorded)])
-        )
+        say("\n".join([f"Only frames with {' and '.join(where)}.", *verdict_lines(scores)]))
         return
     scores = rescore(RunDirectory(folder), annotator)
     gc.freeze()  # the verdicts of all frames live to the end: without this, the collector visits them once more at exit

@@ -151,7 +151,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
     for line in (*map(str, unscored[:_MOST_CLIPS]), *(more if len(unscored) > _MOST_CLIPS else [])):
         console.print(f"- {line}", markup=False)
-    answer, *further = verdict_lines(scores, recorded=scores.is_recorded)
+    answer, *further = verdict_lines(scores)
     console.print(f"\n{answer}", markup=False, style="bold")
     for line in further:
         console.print(line, markup=False)

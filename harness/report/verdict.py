@@ -24,12 +24,12 @@ _SCOPES = {"clip": "on clips like these", "look": "on these clips only"}
 _BEATS = {"yes": "Beats the best", "not shown": "Not shown to beat a", "no": "No better than a"}
 
 
-def verdict_lines(scores: Scores, *, recorded: bool = True) -> list[str]:
+def verdict_lines(scores: Scores) -> list[str]:
     """The result of a run, the answer first, in at most :data:`MOST_LINES` lines of :data:`MOST_CHARACTERS`.
 
     The best configuration over all clips and its interval; whether it beats the best baseline; which differences
     between configurations are shown, in a grid by factor over all values of the others; what to try next. The oracle
-    ablation is left out. Long names lose their middles. ``recorded``: whether what to try next can be to view the run.
+    ablation is left out. Long names lose their middles.
     """
     rows = compared_rows(scores)
     if not rows:
@@ -38,7 +38,7 @@ def verdict_lines(scores: Scores, *, recorded: bool = True) -> list[str]:
     lines = [_best_line(best, len(rows)), _baseline_line(best)]
     if len(rows) > 1:
         lines += _difference_lines(scores, [row.configuration for row in rows])
-    return [*lines, *_next_lines(scores, MOST_LINES - len(lines), recorded=recorded)]
+    return [*lines, *_next_lines(scores, MOST_LINES - len(lines))]
 
 
 def compared_rows(scores: Scores) -> list[ScoreRow]:
@@ -221,18 +221,18 @@ def next_steps(scores: Scores, configurations: Collection[str]) -> list[str]:
     counts = _error_types(scores, configurations)
     return [
         f"{count} of {counts.total()} wrong frames: {name} ({ERROR_TYPES[name]}). Next: "
-        f"{'; '.join(advice(name, scores.settings.values()))}."
+        f"{'; '.join(advice(name, scores.settings.values(), recorded=scores.is_recorded))}."
         for name, count in counts.most_common(_MOST_STEPS)
     ]
 
 
-def _next_lines(scores: Scores, room: int, *, recorded: bool) -> list[str]:
+def _next_lines(scores: Scores, room: int) -> list[str]:
     """The most frequent error type and what to try next, in one or two lines; none if nothing is wrong."""
     counts = _error_types(scores, without_oracles(scores.configurations))
     if not counts:
         return []
     ((name, count),) = counts.most_common(1)
-    steps = advice(name, scores.settings.values(), recorded=recorded)
+    steps = advice(name, scores.settings.values(), recorded=scores.is_recorded)
     if room == 1:
         share = f"{100 * count / counts.total():.0f} % of errors: {name}"
         return [_fitting(*(_Sentence(f"Next{why}: {{}}.", steps[:1]) for why in (f" ({share})", "")))]

@@ -109,6 +109,7 @@ def page_data(
         configurations                 {name, oracle: whether it is a step of the oracle ablation}
         clips                          {name, subjects, frames, rate_hz or null}
         stride                         attention is here for every ``stride``-th frame
+        is_recorded                    whether the run has recordings
         run, recordings                of a served page: the directory; recordings by clip and configuration; else null
         pictures                       of a page on the disk without room for all pictures: their folder; else null
         overall                        rows over all clips
@@ -149,6 +150,7 @@ def page_data(
         "scored": [{"name": name, "oracle": name not in plain} for name in scored],
         "clips": clips,
         "stride": stride,
+        "is_recorded": scores.is_recorded,
         "run": served and served.run,
         "pictures": f"{run_folder}thumbnails"
         if served is None and len(thumbnails.pictures) < thumbnails.wrong

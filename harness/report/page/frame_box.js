@@ -28,7 +28,7 @@ async function show(at) {
       element("h3", {}, `Frame ${track.frames[i]} – ${outcomeInWords(stateOf(lane, i))}`),
       element("p", {}, `${data.clips[track.clip].name}, ${track.subject}, ${lane.name}`),
       element("p", {}, `Truth: ${truthOf(at)}. Predicted: ${predictedInWords(lane, i)}.`, ...why(at)),
-      element("code", {}, viewCommand(track, lane, i)),
+      data.is_recorded ? element("code", {}, viewCommand(track, lane, i)) : element("p", {}, "Not recorded: to scrub, run with --recording light."),
       ...link(at), ...labelLink(at)),
     ...thumbnail(at, pictures),
     values(at)), dismiss);

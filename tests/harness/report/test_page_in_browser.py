@@ -152,6 +152,14 @@ def test_it_asks_nobody_for_anything_complains_of_nothing_and_fits(page: ReportP
     assert page.js("return document.documentElement.scrollWidth <= innerWidth")
 
 
+def test_a_frame_of_a_run_without_recordings_has_no_command_that_opens_one(report: ReportPage, tmp_path: Path) -> None:
+    reference = Reference(labels={"clip": labels(*TRUTH)}, is_recorded=False)
+    score_run(tmp_path, answers(GIVEN["one"], configuration="one"), reference)
+    report.open(tmp_path / "report.html", clip="clip", config="one", subject="girl", frame=2)
+    assert "--recording light" in report.box("Frame 2 – wrong")
+    assert report.all("#frame code") == []
+
+
 @pytest.mark.parametrize("width_px", [1280, 390])
 def test_names_of_any_length_fit(report: ReportPage, tmp_path: Path, width_px: int) -> None:
     long = "a_name_of_cones_of_ten_and_of_twenty_five_centimetres_on_the_eighth_of_the_month_in_the_other_room"
