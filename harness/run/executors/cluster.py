@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 
-_ADDRESS = re.compile(r"[a-z]+://.+:\d+")
+_ADDRESS = re.compile(r"(tcp|tls|ucx|wss?)://.+:\d+")
+"""Of the schemes that Dask knows. For another one it would wait a minute at the exit, and print a traceback."""
 PATIENCE_SECONDS = 30
 
 
@@ -43,7 +44,7 @@ def connect(address: str) -> Iterator[Client]:
         raise VfoaError("--scheduler: needs Dask's distributed; install vfoa[cluster]") from None
     if not _ADDRESS.fullmatch(address):
         raise VfoaError(
-            f"--scheduler {address}: expected the address of a Dask scheduler, such as tcp://127.0.0.1:8786"
+            f"--scheduler {address}: expected the address that `dask scheduler` prints, such as tcp://127.0.0.1:8786"
         )
     try:
         client = Client(address, timeout=PATIENCE_SECONDS, set_as_default=False)

@@ -267,6 +267,15 @@ def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPat
             pass
 
 
+@pytest.mark.parametrize("address", ["http://127.0.0.1:8787", "127.0.0.1:8786", "tcp://127.0.0.1"])
+def test_no_client_is_made_for_what_is_no_address_of_a_scheduler(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A dashboard's address, for one: a client that knows no such scheme waits a minute when it is dropped."""
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("distributed.Client", pytest.fail)
+    with pytest.raises(VfoaError, match=f"--scheduler {address}: "), executor(1, address):
+        pass
+
+
 def test_a_cluster_changes_nothing(experiment: Path, alone: RunDirectory, tmp_path: Path, scheduler: str) -> None:
     assert _same(_run(experiment, tmp_path, 1, scheduler=scheduler), alone)
 
