@@ -33,6 +33,8 @@ MODELS: dict[str, Model] = {
 ``plumb_bob`` in its ROS driver.
 """
 
+_ROUNDED = 1e-6
+"""Of a camera matrix, what computing may leave of zeros below its diagonal, as a share of the focal length."""
 _COEFFICIENTS: dict[Model, tuple[int, ...]] = {"plumb_bob": (0, 4, 5, 8, 12, 14), "equidistant": (0, 4)}
 
 
@@ -200,7 +202,7 @@ def _check_lens(camera: RawCamera, where: str) -> None:
     _check_shape("K", k, (3, 3), where)
     if not (k[0, 0] > 0 and k[1, 1] > 0):
         raise VfoaError(f"{where}: K: found focal lengths {k[0, 0]:g}, {k[1, 1]:g}; expected positive")
-    if k[1, 0] or k[2, 0] or k[2, 1]:
+    if np.abs(k[[1, 2, 2], [0, 0, 1]]).max() > _ROUNDED * k[0, 0]:
         raise VfoaError(
             f"{where}: K: found {k.tolist()}; expected [fx 0 cx; 0 fy cy; 0 0 1] (transposed, as in MATLAB?)"
         )

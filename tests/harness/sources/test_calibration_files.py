@@ -462,6 +462,12 @@ def test_a_camera_matrix_of_rows_times_matrices_is_refused(tmp_path: Path) -> No
         _raw([path])
 
 
+def test_a_camera_matrix_that_was_computed_is_read(tmp_path: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    path = write_opencv(tmp_path / "c.yml", nodes | {"K1": nodes["K1"] + 1e-13 * np.ones((3, 3))}, SIZE)
+    _assert_rows_match_and_depths_come_back(_raw([path]), RIG, _points(6))
+
+
 @pytest.mark.parametrize("said", [{"fisheye": True}, {"camera_model": "fisheye"}, {"distortion_model": "equidistant"}])
 def test_a_file_that_says_so_is_of_fisheye_lenses(tmp_path: Path, said: dict[str, Any]) -> None:
     values = {name: value.tolist() for name, value in opencv_nodes(FISHEYE).items()}
