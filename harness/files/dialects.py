@@ -95,8 +95,8 @@ def check_width(cells: Sequence[str], header: Sequence[str], where: str, hint: s
 
 
 def plain_name(name: str) -> str:
-    """The name of a column in small letters and digits, with ``_`` for everything between them."""
-    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    """The name of a column in small letters and digits, with ``_`` for everything between them; micro's sign is u."""
+    return re.sub(r"[^a-z0-9]+", "_", re.sub("[\u00b5\u03bc]", "u", name.lower())).strip("_")
 
 
 def table_text(path: Path) -> str:

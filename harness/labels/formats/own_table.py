@@ -3,9 +3,11 @@
 Its columns are found by their names (:data:`COLUMNS`), in any order, case and dialect of CSV
 (:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, or for a
 ``duration``, in seconds, milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in
-one frame, which is that of the number ``frame``, or nearest to ``time_s`` or ``time_ms``, or to ``time_ns`` by the
-clip's own stamps. In place of ``subject`` and ``target`` there may be a column named after each subject, with the
-subject's targets; in place of ``target``, a column named after each target, with 1 where it is looked at and else 0.
+one frame, which is that of the number ``frame``, or nearest to ``time_s``, ``time_ms`` or ``time_us``, or to
+``time_ns`` by the clip's own stamps; of several such rows, a frame takes the nearest. In place of ``subject`` and
+``target`` there may be a column named after each subject, with the subject's targets; in place of ``target``, a column
+named after each target, with 1 where it is looked at and else 0, as in Tobii Pro Lab's data export (``AOI hit [Snapshot
+- cup]``).
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import re
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from harness.files.dialects import Row, check_width, is_missing, number_hint, plain_name, table_rows
 from harness.files.tables import whole_number
@@ -23,7 +26,7 @@ from harness.labels.rows import check_ends, check_sequence, check_text
 from vfoa.errors import VfoaError
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
-    "subject": ("subject", "person", "who", "participant"),
+    "subject": ("subject", "person", "who", "participant", "participant_name"),
     "target": ("target", "object", "what", "looks_at", "label", "aoi", "gaze_target", "vfoa", "trial_type"),
     "note": ("note", "notes", "comment", "comments"),
     "frame": ("frame", "frame_number", "frame_index"),
@@ -37,6 +40,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "duration_ms": ("duration_ms",),
     "time_s": ("time_s", "time", "timestamp", "timestamp_s"),
     "time_ms": ("time_ms", "timestamp_ms", "recording_timestamp_ms"),
+    "time_us": ("time_us", "timestamp_us", "recording_timestamp_us"),
     "time_ns": ("time_ns", "timestamp_ns", "stamp_ns"),
 }
 """The names of each column, as :func:`plain_name` has them."""
@@ -44,11 +48,11 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 _PLACES = (
     *(("start_s", "end_s"), ("start_ms", "end_ms"), ("first_frame", "last_frame")),
     *(("start_s", "duration_s"), ("start_ms", "duration_ms")),
-    *(("frame",), ("time_s",), ("time_ms",), ("time_ns",)),
+    *(("frame",), ("time_s",), ("time_ms",), ("time_us",), ("time_ns",)),
 )
 """The columns that say where a row holds; a table has those of one kind. A duration beside an end is not read."""
 
-_MS_PER_UNIT = {"start_s": 1000, "start_ms": 1, "time_s": 1000, "time_ms": 1}
+_MS_PER_UNIT = {"start_s": 1000.0, "start_ms": 1.0, "time_s": 1000.0, "time_ms": 1.0, "time_us": 1e-3}
 _CLOCK = re.compile(r"(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:[.,][0-9]+)?)")
 _NUMBER = re.compile(r"-?[0-9]{1,12}(?:\.[0-9]*)?")
 
@@ -72,7 +76,7 @@ class OwnTable(ReadOnly):
             _check_unit(known, place, exchange, path)
         if place[0] in ("start_ms", "time_ms"):
             _check_milliseconds(known, place, exchange, path)
-        if place[0] in ("time_s", "time_ms", "time_ns"):
+        if place[0] in ("time_s", "time_ms", "time_us", "time_ns"):
             imported = _moments(known, place[0], exchange, path)
         elif place[0] in _MS_PER_UNIT or exchange.fps is not None:
             imported = _spans(known, place, exchange, path)
@@ -109,6 +113,8 @@ def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:
     ]
 
 
+_AOI_HIT = re.compile(r"AOI hit \[(?:.* - )?(.+)\]")
+"""A column of Tobii Pro Lab's data export: of a stimulus, such as a snapshot or a film, and an area of interest."""
 _SEEN, _NOT_SEEN = frozenset({"1", "1.0", "true"}), frozenset({"0", "0.0", "false"})
 
 
@@ -118,10 +124,11 @@ def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[
     if "target" in {_column(name) for name in header}:
         return rows
     known = {*exchange.targets, *exchange.subjects}
+    names = [match[1] if (match := _AOI_HIT.fullmatch(name)) else name for name in header]
     targets = [
         place
-        for place, name in enumerate(header)
-        if exchange.names.translate(name) in known
+        for place, name in enumerate(names)
+        if (name != header[place] or exchange.names.translate(name) in known)
         and all(is_missing(cells[place]) or cells[place].lower() in _SEEN | _NOT_SEEN for _, cells in lines)
     ]
     if not targets:
@@ -130,15 +137,15 @@ def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[
     return [
         (line, [*(header[place] for place in others), "target"]),
         *(
-            (number, [*(cells[place] for place in others), _seen(header, cells, targets, f"{path}:{number}")])
+            (number, [*(cells[place] for place in others), _seen(names, cells, targets, f"{path}:{number}")])
             for number, cells in lines
         ),
     ]
 
 
-def _seen(header: Sequence[str], cells: Sequence[str], targets: Sequence[int], where: str) -> str:
+def _seen(names: Sequence[str], cells: Sequence[str], targets: Sequence[int], where: str) -> str:
     """The only target with a 1; none where all have 0, and nothing where all are blank."""
-    seen = [header[place] for place in targets if cells[place].lower() in _SEEN]
+    seen = dict.fromkeys(names[place] for place in targets if cells[place].lower() in _SEEN)
     if len(seen) > 1:
         raise VfoaError(f"{where}: found 1 for {' and '.join(seen)}; expected one target")
     return next(iter(seen), "" if all(is_missing(cells[place]) for place in targets) else NOWHERE)
@@ -202,7 +209,7 @@ def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path:
         subject, label = _label(cells, where, exchange)
         ends = [(cells[column], f"{where}: {column}") for column in (place[0], place[-1])]
         if place[0] in _MS_PER_UNIT:
-            start, end = (_time_ms(*each, unit_ms=_MS_PER_UNIT[place[0]]) for each in ends)
+            start, end = (round(_time_ms(*each, unit_ms=_MS_PER_UNIT[place[0]])) for each in ends)
             end += start if place[-1].startswith("duration") else 0
         else:
             first, last = (_whole(*each) for each in ends)
@@ -211,7 +218,7 @@ def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path:
     return from_spans(spans, exchange, path)
 
 
-_UNITS = ("s", "sec", "seconds", "ms", "ns", "frame", "frames")
+_UNITS = ("s", "sec", "seconds", "ms", "us", "ns", "frame", "frames")
 """Last words of columns that name their unit."""
 _LEAST_TIMES, _LEAST, _LEAST_SHARE, _MOST_SHARE = 5, 20, 0.2, 1.2
 
@@ -266,13 +273,13 @@ def _numbers(rows: Sequence[_Row], place: Sequence[str]) -> list[str]:
     return found if all(map(_NUMBER.fullmatch, found)) else []
 
 
-def _time_ms(cell: str, where: str, *, unit_ms: int) -> int:
+def _time_ms(cell: str, where: str, *, unit_ms: float) -> float:
     if clock := _CLOCK.fullmatch(cell):
         hours, minutes, seconds = clock.groups()
-        return round(1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(seconds.replace(",", "."))))
+        return 1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(seconds.replace(",", ".")))
     if not _NUMBER.fullmatch(cell):
         raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected a time, such as 12.5 or 0:01:02.5")
-    return round(float(cell) * unit_ms)
+    return float(cell) * unit_ms
 
 
 def _whole(cell: str, where: str, what: str = "the number of a frame") -> int:
@@ -306,28 +313,57 @@ def _joined(rows: Sequence[LabelRange], frames: Sequence[int]) -> Iterator[Label
 
 
 def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) -> Imported:
-    """Labels of the frames that are nearest to times, by at most half a step."""
+    """Labels of the frames that are nearest to times, by at most half a step; each frame has its nearest row."""
     timeline = exchange.timeline if column == "time_ns" else exchange.shown
     if not timeline.times_ns:
         raise VfoaError(f"{path}: {column}: the times of the clip's frames are not known; expected a column of frames")
-    found, outside, within_ns = list[tuple[str, LabelRange]](), list[str](), timeline.step_ns / 2
+    outside, moments, within_ns = list[str](), list[_Moment](), timeline.step_ns / 2
     for where, cells in rows:
         subject, label = _label(cells, where, exchange)
         place = f"{where}: {column}"
-        cell = cells[column]
-        is_ns = column == "time_ns"
-        own_ns = _whole(cell, place, "ns") if is_ns else MS * _time_ms(cell, place, unit_ms=_MS_PER_UNIT[column])
-        if (frame := _nearest(own_ns, timeline, within_ns)) is None:
+        if column == "time_ns":
+            time_ns = _whole(cells[column], place, "ns")
+        else:
+            time_ns = round(MS * _time_ms(cells[column], place, unit_ms=_MS_PER_UNIT[column]))
+        frame, apart_ns = _nearest(time_ns, timeline)
+        row = LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=label)
+        if apart_ns > within_ns:
             outside.append(where)
         else:
-            found.append((where, LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=label)))
+            moments.append(_Moment(apart_ns, time_ns, where, row))
+    found = [(moment.where, moment.row) for moment in _nearest_rows(moments)]
     check_sequence(found, exchange.timeline, allow_gaps=True)
-    return without(outside, exchange.labels(_joined([row for _, row in found], exchange.frames), path), path)
+    imported = without(outside, exchange.labels(_joined([row for _, row in found], exchange.frames), path), path)
+    between = len(moments) - len(found)
+    note = f"{path}: {between} rows lie between frames: each frame has the label of the nearest row."
+    return Imported(labels=imported.labels, notes=(*imported.notes, *([note] if between else [])))
 
 
-def _nearest(time_ns: int, timeline: Timeline, within_ns: float) -> int | None:
-    """The frame nearest to a time; None if it is further away than ``within_ns``."""
+class _Moment(NamedTuple):
+    """A row's time and how far it is from that of its frame."""
+
+    apart_ns: int
+    time_ns: int
+    where: str
+    row: LabelRange
+
+
+def _nearest_rows(moments: Sequence[_Moment]) -> list[_Moment]:
+    """Of each subject's frame, those at the time that is nearest to it."""
+    nearest = dict[tuple[str, int], tuple[int, int]]()
+    for moment in moments:
+        key, time = (moment.row.subject, moment.row.first_frame), (moment.apart_ns, moment.time_ns)
+        nearest[key] = min(nearest.get(key, time), time)
+    return [
+        moment
+        for moment in moments
+        if nearest[moment.row.subject, moment.row.first_frame] == (moment.apart_ns, moment.time_ns)
+    ]
+
+
+def _nearest(time_ns: int, timeline: Timeline) -> tuple[int, int]:
+    """The frame nearest to a time, and how far it is from it, ns."""
     after = bisect_left(timeline.times_ns, time_ns)
     near = (place for place in (after - 1, after) if 0 <= place < len(timeline.times_ns))
     apart_ns, place = min((abs(timeline.times_ns[place] - time_ns), place) for place in near)
-    return timeline.frames[place] if apart_ns <= within_ns else None
+    return timeline.frames[place], apart_ns

@@ -47,6 +47,9 @@ def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> tu
         "who,what,start,end\ngirl,bird,0:00:00,0:00.2\ngirl,none,00:00:00.2,0:00.5\nboy,girl,0:00.1,0:00.2\n",
         "person,looks_at,time_s\n" + "".join(f"girl,{'bird' if n < 2 else 'none'},{n / 10 + 0.03}\n" for n in range(5))
         + "boy,girl,0.1\n",
+        "person\tlooks_at\tTimestamp [\u03bcs]\n"
+        + "".join(f"girl\t{'bird' if n < 2 else 'none'}\t{n * 100_000 + 30_001}\n" for n in range(5))
+        + "boy\tgirl\t100000\n",
         "person,looks_at,time_ns\n"
         + "".join(f"girl,{'bird' if n < 3 else 'none'},{n * 10**8 - 4 * 10**7}\n" for n in range(1, 6))
         + "boy,girl,200000000\n",
@@ -72,6 +75,42 @@ def test_rows_without_a_0_or_1_have_no_label(tmp_path: Path) -> None:
     assert any("1 rows without a target" in note for note in notes)
     with pytest.raises(VfoaError, match=r"mine\.csv:3: found 1 for bird and cup"):
         _read(tmp_path, "frame,subject,bird,cup\n1,girl,1,0\n2,girl,1,1\n")
+
+
+def test_of_rows_between_frames_each_frame_takes_the_nearest(tmp_path: Path) -> None:
+    """Those of an eye tracker at 50 Hz, beside frames at 10 Hz: at 0.1 s is another label than about it."""
+    rows = [f"girl,{'bird' if n % 5 == 0 else 'cup'},{0.02 * n:.2f}\n" for n in range(24)]
+    labels, notes = _read(tmp_path, "subject,target,time_s\n" + "".join(rows) + "boy,girl,0.13\nboy,bird,0.07\n")
+    assert labels == Labels([row(1, 5, "bird"), row(2, 2, "bird", "boy")])
+    assert any("19 rows lie between frames" in note for note in notes)
+    with pytest.raises(VfoaError, match=r"mine\.csv:3: 'girl' has two labels in frame 1"):
+        _read(tmp_path, "subject,target,time_s\ngirl,bird,0\ngirl,cup,0\n")
+
+
+TOBII = (
+    "Recording timestamp [\u03bcs]\tSensor\tParticipant name\tEvent\tGaze point X\tAOI hit [Table - bird]\t"
+    "AOI hit [Film 1 - take 2 - brown cup]\tAOI hit [Door - bird]\n"
+)
+"""The columns of Tobii Pro Lab's data export, of glasses whose gaze was mapped to two snapshots and a film."""
+
+
+def test_the_areas_of_interest_of_an_eye_tracker_are_targets(tmp_path: Path) -> None:
+    """Rows of other sensors and events have blank cells; a time is that of the recording, 2 s before the clip."""
+    rows = [
+        ("0", "", "RecordingStart", "", "", ""),
+        *((f"{2_000_000 + 20_000 * n}", "Eye Tracker", "", *"001") for n in range(5)),
+        ("2100500", "Gyroscope", "", "", "", ""),
+        *((f"{2_100_000 + 20_000 * n}", "Eye Tracker", "", *"010") for n in range(5)),
+        *((f"{2_200_000 + 20_000 * n}", "Eye Tracker", "", *"000") for n in range(15)),
+    ]
+    text = TOBII + "".join(
+        f"{at}\t{sensor}\tP01\t{event}\t\t" + "\t".join(hits) + "\n" for at, sensor, event, *hits in rows
+    )
+    labels, notes = _read(tmp_path, text, offset=2.0, renamed={"P01": "girl", "brown cup": "cup"})
+    assert labels == Labels([row(1, 1, "bird"), row(2, 2, "cup"), row(3, 5, "none")])
+    assert any("2 rows without a target" in note for note in notes)
+    with pytest.raises(VfoaError, match=r"mine\.csv:\d+: unknown subject 'P01'.*'brown cup'.*--rename"):
+        _read(tmp_path, text, offset=2.0)
 
 
 MINUTE = PlainClip(frames=range(1, 1501))
