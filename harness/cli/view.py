@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 from urllib.parse import urlsplit
@@ -18,6 +18,7 @@ from vfoa.errors import VfoaError, did_you_mean
 if TYPE_CHECKING:
     from harness.record.composed import Composed, RecordedClip
     from harness.record.web_app import Routes
+    from harness.score.judged_subjects import JudgedSubject
     from harness.score.score import Scores
     from harness.score.verdicts import Verdict
 
@@ -123,10 +124,10 @@ def step_through(run: Path, clip: str | None, configuration: str | None, subject
     place: int | None = 0
     while place is not None:
         recordings = _recorded(run, clip, configuration, subject)
-        found = wrong_verdicts(read_scores(RunDirectory(run)), clip, configuration, subject)
-        wrong = _that_can_be_shown(found, recordings)
+        scores = read_scores(RunDirectory(run))
+        wrong = _that_can_be_shown(wrong_verdicts(scores, clip, configuration, subject), recordings)
         if not wrong:
-            say("No wrong frame.")
+            say(_nothing_to_show(scores, clip, configuration, subject))
             return
         shown = {each.files.clip: each.compose() for each in recordings}
         place, is_corrected = min(place, len(wrong) - 1), False
@@ -213,9 +214,10 @@ def browse_failures(run: Path, clip: str | None, configuration: str | None, subj
     def wrong() -> list[Verdict]:
         return wrong_verdicts(read_scores(directory), clip, configuration, subject)
 
-    found = wrong()
+    scores = read_scores(directory)
+    found = wrong_verdicts(scores, clip, configuration, subject)
     if not (shown := _that_can_be_shown(found, recorded)):
-        say("No wrong frame.")
+        say(_nothing_to_show(scores, clip, configuration, subject))
         return
     recordings, known = served_recordings(run), iter([found])  # the page that opens now shows what was counted
     say(f"{len(shown)} wrong frames")
@@ -247,17 +249,29 @@ def wrong_verdicts(
     scores: Scores, clip: str | None, configuration: str | None, subject: str | None = None
 ) -> list[Verdict]:
     """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, configuration, subject."""
-    judged = (
-        of_subject.judged
-        for of_subject in scores.judged_subjects
-        if clip in (None, of_subject.clip) and subject in (None, of_subject.subject)
-    )
-    of_clip = [each.where(each.is_wrong) for each in judged if configuration in (None, each.configuration)]
+    judged = (of_subject.judged for of_subject in _chosen(scores, clip, configuration, subject))
+    of_clip = [each.where(each.is_wrong) for each in judged]
     clips, configurations = scores.clips.index, scores.configurations.index
     return sorted(
         (verdict for each in of_clip for verdict in each.verdicts()),
         key=lambda verdict: (clips(verdict.clip), configurations(verdict.configuration), verdict.frame),
     )
+
+
+def _nothing_to_show(scores: Scores, clip: str | None, configuration: str | None, subject: str | None) -> str:
+    """Why there is no failure: also because nothing is labelled."""
+    is_scored = any(len(of_subject.frames) for of_subject in _chosen(scores, clip, configuration, subject))
+    return "No wrong frame." if is_scored else "Nothing is scored: no frame has a label."
+
+
+def _chosen(
+    scores: Scores, clip: str | None, configuration: str | None, subject: str | None
+) -> Iterator[JudgedSubject]:
+    """What was judged of a clip, configuration and subject; None: of all."""
+    for of_subject in scores.judged_subjects:
+        asked = (clip, of_subject.clip), (configuration, of_subject.configuration), (subject, of_subject.subject)
+        if all(wanted in (None, name) for wanted, name in asked):
+            yield of_subject
 
 
 def browse(

@@ -163,6 +163,22 @@ def test_only_the_failures_of_a_subject_are_stepped_through(step_through, capsys
     assert "no subject 'anna'; did you mean 'ann'?" in capsys.readouterr().err
 
 
+def test_a_run_without_labels_has_no_failures_because_nothing_is_scored(step_through, tmp_path, monkeypatch, capsys):
+    from harness.score import finished_run
+
+    (tmp_path / "a__one.rrd").touch()
+    assert step_through("q\n", "--clip", "a", "--config", "one") == (0, [])
+    assert "No wrong frame" in capsys.readouterr().out
+    assert step_through("q\n", "--clip", "a", "--subject", "bob") == (0, [])
+    assert "no frame has a label" in capsys.readouterr().out
+    unlabelled = score(
+        [frame_record([target_record(1, "cup")], [subject_record("ann")], clip="a")], Reference(labels={})
+    )
+    monkeypatch.setattr(finished_run, "read_scores", lambda directory: unlabelled)
+    assert step_through("q\n") == (0, [])
+    assert "no frame has a label" in capsys.readouterr().out
+
+
 def test_failures_without_a_recording_are_counted_and_left_out(step_through, tmp_path, capsys):
     (tmp_path / "b__two.rrd").unlink()
     assert step_through("n\nq\n") == (0, [("b__one", 1, "one", "ann"), ("a__two", 9, "two", "ann")])
