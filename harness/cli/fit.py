@@ -71,7 +71,9 @@ def fit(
         if place is not None:
             check_new(place, replace=replace, hint=f", or another {option}", inputs=inputs)
     with exit_if_interrupted(notices), executor(cores()) as workers:
-        run = read_labelled(directory(), config, executor=workers, bar=frames_bar)
+        finished = directory()
+        notices[:] = [f"interrupted: {finished.path} is finished and kept; the same command continues"]
+        run = read_labelled(finished, config, executor=workers, bar=frames_bar)
     try:
         fitted = fit_logit(run, first_s=first_s)
     except VfoaError:

@@ -417,17 +417,18 @@ def test_workers_and_interrupts_change_nothing_of_left_out_weights(
     assert continued.read_manifest().fitted == whole.read_manifest().fitted
 
 
-def _interrupted(*_: object) -> None:
+def _interrupted(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
 
 
+@pytest.mark.parametrize("place", ["harness.run.loop.attend_clip", "harness.score.labelled_run.read_labelled"])
 def test_an_interrupted_fit_says_what_is_kept_and_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("one", "two"), 20)
     with monkeypatch.context() as patch:
-        patch.setattr("harness.run.loop.attend_clip", _interrupted)
+        patch.setattr(place, _interrupted)
         code, _, said = vfoa(monkeypatch, capsys, "fit", "talk.toml")
     assert (code, len(said.splitlines())) == (130, 1)
     assert str(Path("runs", "talk")) in said
