@@ -15,11 +15,11 @@ from harness.clips.listing import attempt, labels_of, scored_labels
 from harness.clips.manifest import ClipManifest, load_manifest, manifest_notes
 from harness.clips.matching import (
     ROWS_FRAMES,
+    MovingRows,
     first_middle_last,
     matched_offsets_px,
     motion,
     near_notes,
-    offset_by_rows,
     right_offset,
 )
 from harness.sources import Clip, MeasuredClip
@@ -139,9 +139,10 @@ def _time_notes(manifest: ClipManifest, clip: Clip, changes: Float, most: int) -
     """A note if the right views are not of the time of the left ones, by the motion (2, N) in both, or by its rows."""
     by = right_offset(changes, min(most, changes.shape[1] // 2))
     if by is None and changes.shape[1] >= ROWS_FRAMES:
-        spans = _stretches(clip.frames)
-        found = [(offset_by_rows(lambda number: attempt(lambda: clip.frame(number))[0], span), span) for span in spans]
-        known = [(offset, span) for offset, span in found if offset is not None]
+        spans = [(span, rows) for span in _stretches(clip.frames) if (rows := _moving_rows(clip, span))]
+        if all(rows.agree for _, rows in spans):
+            return
+        known = [(offset, span) for span, rows in spans if (offset := rows.offset()) is not None]
         if len({offset for offset, _ in known}) > 1:
             parts = ", ".join(f"{_later(offset)} in frames {span[0]} to {span[-1]}" for offset, span in known)
             yield (
@@ -157,6 +158,13 @@ def _time_notes(manifest: ClipManifest, clip: Clip, changes: Float, most: int) -
         yield f"{seen}: say right_offset = {manifest.source.get('right_offset', 0) + by} in [source]"
     else:
         yield f"{seen}: are the stamps or numbers of both cameras of one clock?"
+
+
+def _moving_rows(clip: Clip, numbers: Sequence[int]) -> MovingRows | None:
+    """What moves in these frames; None if one of them cannot be read."""
+    frames = [attempt(partial(clip.frame, number))[0] for number in numbers]
+    pairs = [(frame.left, frame.right) for frame in frames if frame is not None and frame.right is not None]
+    return MovingRows(pairs) if len(pairs) == len(numbers) else None
 
 
 def _later(by: int) -> str:

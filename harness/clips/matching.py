@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from functools import cache
 
 import cv2
 import numpy as np
@@ -197,34 +198,45 @@ In bandage_2, 0.09 px at the true offset; one frame beside it 1.2, two 1.8 to 2.
 """
 
 
-def offset_by_rows(read: Callable[[int], StereoFrame | None], numbers: Sequence[int]) -> int | None:
-    """As :func:`right_offset`, by at most two frames, from the rows of points that move; None if these do not tell.
+class MovingRows:
+    """The rows of points that move, in frames that follow each other: they tell by how many frames one view is late.
 
-    ``numbers`` are :data:`ROWS_FRAMES` frames that follow each other. Motion that is as fast in each frame does not
-    tell the two times apart by how much moves, but by where it is.
+    Motion that is as fast in each frame does not tell the two times apart by how much moves, but by where it is.
     """
-    lefts, rights = list[NDArray[np.uint8]](), list[_Features]()
-    for number in numbers:
-        if (frame := read(number)) is None or frame.right is None:
+
+    def __init__(self, pairs: Sequence[tuple[Image, Image]]) -> None:
+        """``pairs`` are the left and right views of :data:`ROWS_FRAMES` frames."""
+        factor = _factor(pairs[0][0], _ROWS_SIDE_PX)
+        self._grays = [tuple(_shrunk_gray(view, factor) for view in pair) for pair in pairs]
+        self._apart_px = cache(self._measured_px)
+        self._features = cache(lambda place, side: _features(self._grays[place][side], _ROWS_FEATURES))
+
+    @property
+    def agree(self) -> bool:
+        """Whether nothing speaks against the times as they are: most costs of :meth:`offset` are saved then."""
+        apart_px = self._apart_px(0)
+        return len(apart_px) < _LEAST_MOVED or float(np.median(apart_px)) < LEAST_ROWS_PX
+
+    def offset(self) -> int | None:
+        """As :func:`right_offset`, by at most two frames; None if the rows do not tell."""
+        reach = range(-_MOST_ROWS_OFFSET - 1, _MOST_ROWS_OFFSET + 2)
+        apart_px = {by: self._apart_px(by) for by in reach}
+        if min(map(len, apart_px.values())) < _LEAST_MOVED:
             return None
-        factor = _factor(frame.left, _ROWS_SIDE_PX)
-        lefts.append(_shrunk_gray(frame.left, factor))
-        rights.append(_features(_shrunk_gray(frame.right, factor), _ROWS_FEATURES))
-    reach = range(-_MOST_ROWS_OFFSET - 1, _MOST_ROWS_OFFSET + 2)
-    rows_px = {by: list[Float]() for by in reach}
-    for place in _LEFTS:
-        left, moved = _features(lefts[place], _ROWS_FEATURES), _moved(lefts[place - 1], lefts[place + 1])
-        for by in reach:
-            points = _matched(left, rights[place + by])
+        median_px = {by: float(np.median(of_offset)) for by, of_offset in apart_px.items()}
+        best = min(reach[1:-1], key=lambda by: median_px[by])
+        worse = min(median_px[by] for by in (0, best - 1, best + 1) if by != best)
+        return best if worse >= max(LEAST_ROWS_PX, LEAST_BETTER * median_px[best]) else None
+
+    def _measured_px(self, by: int) -> Float:
+        """The row differences (N,) of points that move, in left views and the right ones so many frames later."""
+        found = []
+        for place in _LEFTS:
+            points = _matched(self._features(place, 0), self._features(place + by, 1))
             columns, rows = points[:, 0].astype(int).T
-            rows_px[by].append(np.abs(points[:, 0, 1] - points[:, 1, 1])[moved[rows, columns]])
-    apart = {by: np.concatenate(of_places) for by, of_places in rows_px.items()}
-    if min(map(len, apart.values())) < _LEAST_MOVED:
-        return None
-    median_px = {by: float(np.median(of_offset)) for by, of_offset in apart.items()}
-    best = min(reach[1:-1], key=lambda by: median_px[by])
-    worse = min(median_px[by] for by in (0, best - 1, best + 1) if by != best)
-    return best if worse >= max(LEAST_ROWS_PX, LEAST_BETTER * median_px[best]) else None
+            moved = _moved(self._grays[place - 1][0], self._grays[place + 1][0])[rows, columns]
+            found.append(np.abs(points[:, 0, 1] - points[:, 1, 1])[moved])
+        return np.concatenate(found)
 
 
 def _moved(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.clips.matching import ROWS_FRAMES, motion, offset_by_rows, right_offset
+from harness.clips.matching import ROWS_FRAMES, MovingRows, motion, right_offset
 from harness.sources.media.images import read_rgb
 from tests.disk import write_image, write_video
 from tests.harness.clips.adding import NUMBERS, vfoa
@@ -81,20 +81,22 @@ def _poster(seed: int, step: tuple[int, int], count: int = ROWS_FRAMES + 2) -> l
     return pairs
 
 
+def _rows(frames: Sequence[StereoFrame]) -> MovingRows:
+    return MovingRows([(frame.left, frame.right) for frame in frames[:ROWS_FRAMES] if frame.right is not None])
+
+
 @pytest.mark.parametrize("late", [-2, -1, 0, 1, 2])
 def test_what_moves_as_fast_in_each_frame_is_told_by_its_rows(late: int) -> None:
     frames = _frames(_poster(1, (2, 3)), late)[:ROWS_FRAMES]
     assert right_offset(motion(frames), 7) is None
-    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) == late
+    rows = _rows(frames)
+    assert (rows.agree, rows.offset()) == (late == 0, late)
 
 
-def test_rows_tell_nothing_of_what_moves_sideways_or_cannot_be_read() -> None:
-    frames = _frames(_poster(2, (3, 0)), 1)
-    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) is None
-    frames = _frames(_poster(1, (2, 3)), 1)
-    assert offset_by_rows(lambda number: None if number == 5 else frames[number], range(ROWS_FRAMES)) is None
-    still = _frames([_poster(3, (0, 0))[0]] * (ROWS_FRAMES + 2), 1)
-    assert offset_by_rows(still.__getitem__, range(ROWS_FRAMES)) is None
+def test_rows_tell_nothing_of_what_moves_sideways_or_not_at_all() -> None:
+    for pairs in (_poster(2, (3, 0)), [_poster(3, (0, 0))[0]] * (ROWS_FRAMES + 2)):
+        rows = _rows(_frames(pairs, 1))
+        assert (rows.agree, rows.offset()) == (True, None)
 
 
 @pytest.mark.parametrize("late", [-1, 0, 2])
@@ -107,8 +109,8 @@ def test_real_views_of_other_frames_are_told_by_their_rows(shared_data: Path, la
         )
         for number in range(15, 15 + ROWS_FRAMES + 2)
     ]
-    frames = _frames(pairs, late)[:ROWS_FRAMES]
-    assert offset_by_rows(frames.__getitem__, range(ROWS_FRAMES)) == late
+    rows = _rows(_frames(pairs, late))
+    assert (rows.agree, rows.offset()) == (late == 0, late)
 
 
 @pytest.mark.usefixtures("work_here")
