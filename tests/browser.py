@@ -213,7 +213,7 @@ def point_at(browser: Chrome, configuration: str, frame: int) -> ActionChains:
     canvas = browser.find_element("id", "timeline")
     browser.execute_script("arguments[0].scrollIntoView({block: 'start'})", canvas)
     places = json.loads(wait_for(lambda: canvas.get_attribute("data-places")) or "")
-    share = (frame - places["first"] + 0.5) / places["count"]
+    share = (frame - int(places["first"]) + 0.5) / places["count"]
     x = places["left"] + share * places["width"] - canvas.size["width"] / 2
     y = places["rows"][configuration] - canvas.size["height"] / 2
     return ActionChains(browser, duration=0).move_to_element_with_offset(canvas, round(x), round(y))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from urllib.parse import parse_qsl
@@ -175,7 +175,10 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
         targets = choices(directory, query.clip, subject)
         look = look_around(directory, query.clip, subject, query.frame)
         if request.url.path == JSON_PATH:
-            return JSONResponse({"subjects": subjects, "subject": subject, "targets": targets, **asdict(look)})
+            ends = {"first": str(look.first), "last": str(look.last)}  # of up to 63 bits
+            return JSONResponse(
+                {"subjects": subjects, "subject": subject, "targets": targets, "target": look.target, **ends}
+            )
         return _page(_form(query, subject, targets, look))
 
     def change(body: str) -> Response:

@@ -152,16 +152,17 @@ def open_path(name: str, frame: int | None = None, subject: str | None = None) -
 def failures_routes(wrong: Callable[[], Sequence[Verdict]], recordings: Mapping[Pair, Composed]) -> Routes:
     """The routes of a page beside the viewer that steps through wrong frames, as ``more`` of :func:`site`.
 
-    ``wrong`` are the present ones; those of a clip and configuration without a recording are left out.
+    ``wrong`` are the present ones; those of a clip and configuration without a recording are left out. A frame's number
+    is a text: it may have 63 bits, of which JavaScript's numbers keep 53.
     """
-    keys = ("clip", "configuration", "frame", "subject", "truth", "predicted", "error_type")
+    keys = ("clip", "configuration", "subject", "truth", "predicted", "error_type")
 
     def listed(request: Request) -> Response:
         shown = ((verdict, recordings.get((verdict.clip, verdict.configuration))) for verdict in wrong())
         return JSONResponse(
             [
                 {key: getattr(verdict, key) for key in keys}
-                | {"open": open_path(recording.name, verdict.frame, verdict.subject)}
+                | {"frame": str(verdict.frame), "open": open_path(recording.name, verdict.frame, verdict.subject)}
                 for verdict, recording in shown
                 if recording is not None
             ]

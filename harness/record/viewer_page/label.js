@@ -9,7 +9,7 @@ function make(tag, attributes, ...children) {
   return made;
 }
 
-/** The frame at which the viewer is: its state has the cursor as timeline "frame", kind 1 (a sequence), and one time. */
+/** The frame at which the viewer is, as a text: its state has the cursor as timeline "frame", kind 1 (a sequence), and one time. */
 function frameShown() {
   const bytes = window._handle?.viewer_state() ?? [];
   const cursor = [...message(1, new TextEncoder().encode("frame")), ...number(2, 1), 3 * 8 + 2];
@@ -19,7 +19,7 @@ function frameShown() {
     const time = bytes.subarray(start + 1, start + bytes[start - 1]);
     if (time.findIndex((byte) => byte < 128) < time.length - 1) continue; // two numbers: the range of the recording
     const value = time.reduce((sum, byte, k) => sum | (BigInt(byte & 127) << BigInt(7 * k)), 0n);
-    return Number(BigInt.asIntN(64, value));
+    return String(BigInt.asIntN(64, value));
   }
   return null;
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,7 +107,7 @@ def page_data(
         states, letters, error_types   states of a frame; words for each
         names                          targets and answers; elsewhere numbers stand for them, -1 for none
         configurations                 {name, oracle: whether it is a step of the oracle ablation}
-        clips                          {name, subjects, frames, rate_hz or null}
+        clips                          {name, subjects, frames, per_second: frame numbers in a second, or null}
         stride                         attention is here for every ``stride``-th frame
         is_recorded                    whether the run has recordings
         run, recordings                of a served page: the directory; recordings by clip and configuration; else null
@@ -137,8 +137,9 @@ def page_data(
             packs[f"attention-{number}"] = values[clip]
         if pictures := _pictures(clip, subjects, numbers, thumbnails):
             packs[f"pictures-{number}"] = pack_json(pictures)
-        frames = {frame for judged in subjects.values() for frame in frames_of(judged).tolist()}
-        clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames), "rate_hz": rates_hz.get(clip)})
+        frames = sorted({frame for judged in subjects.values() for frame in frames_of(judged).tolist()})
+        per_second = _per_second(frames, rates_hz.get(clip))
+        clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames), "per_second": per_second})
     rows = scores.by_clip()
     places = {clip: number for number, clip in enumerate(scores.clips)}
     packs["rows"] = pack_json([_row(row, places, scored) for row in rows if row.clip is not None])
@@ -160,6 +161,11 @@ def page_data(
         "names": list(names),
     }
     return data, packs
+
+
+def _per_second(frames: Sequence[int], rate_hz: float | None) -> float | None:
+    """How many numbers of frames a second has: the rate where they count, a billion where they are nanoseconds."""
+    return None if rate_hz is None else rate_hz * float(np.median(np.diff(frames))) if len(frames) > 1 else rate_hz
 
 
 def _by_clip(subjects: Iterable[JudgedSubject]) -> dict[str, dict[str, BySubject]]:

@@ -25,7 +25,7 @@ function wrongFrames(fold) {
     const clip = data.clips[track.clip].name;
     fold.replaceChildren(fold.firstElementChild, tableOf({
       title: `Wrong frames of ${track.subject} in ${clip}`, columns: ["Frame", "Configuration", "Truth", "Predicted", "Error type"], words: 5,
-      rows: found.map(([lane, frame, i]) => [String(frame), lane.name, nameOf(track.truth[i]) ?? "", nameOf(lane.predicted[i]) ?? "no prediction", stateOf(lane, i).replaceAll("_", " ")]),
+      rows: found.map(([lane, frame, i]) => [frame, lane.name, nameOf(track.truth[i]) ?? "", nameOf(lane.predicted[i]) ?? "no prediction", stateOf(lane, i).replaceAll("_", " ")]),
       links: { 0: (k) => `#${new URLSearchParams({ clip, config: found[k][0].name, subject: track.subject, frame: found[k][1] })}` },
     }));
   };

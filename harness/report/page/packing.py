@@ -42,9 +42,12 @@ def runs(values: NDArray[np.integer]) -> list[int]:
     return [*map(int, np.stack([values[begins], lengths], axis=1).ravel())]
 
 
-def steps(numbers: NDArray[np.integer]) -> list[int]:
-    """Increasing numbers as the first one and the run-length code of the differences."""
-    return [int(numbers[0]), *runs(np.diff(numbers))] if len(numbers) else []
+def steps(numbers: NDArray[np.integer]) -> list[int | str]:
+    """Increasing numbers as the first one and the run-length code of the differences.
+
+    The first one is a text, since numbers may be time stamps of 63 bits, and JavaScript keeps 53.
+    """
+    return [str(numbers[0]), *runs(np.diff(numbers))] if len(numbers) else []
 
 
 Bytes = NDArray[np.uint8]

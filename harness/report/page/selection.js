@@ -130,7 +130,7 @@ export async function readAddress(why = {}) {
   const clip = data.clips.findIndex((each) => each.name === parts.get("clip"));
   const wanted = { clip: Math.max(clip, 0) };
   for (const key of ["config", "subject"]) if (parts.has(key)) wanted[key] = parts.get(key);
-  if (parts.has("frame")) wanted.frame = Number(parts.get("frame"));
+  if (parts.has("frame")) wanted.frame = parts.get("frame");
   await select(wanted, { ...why, centre: true, quiet: true });
   return true;
 }

@@ -15,10 +15,13 @@ function expanded(runs, length) {
   return values;
 }
 
+// As texts: time stamps have more digits than a number of JavaScript.
 function frameNumbers([first, ...runs]) {
+  let frame = BigInt(first);
   const frames = [first];
   for (let i = 0; i < runs.length; i += 2) {
-    for (let k = 0; k < runs[i + 1]; k += 1) frames.push(frames.at(-1) + runs[i]);
+    const step = BigInt(runs[i]);
+    for (let k = 0; k < runs[i + 1]; k += 1) frames.push(String((frame += step)));
   }
   return frames;
 }

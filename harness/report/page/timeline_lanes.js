@@ -17,9 +17,11 @@ export function framesAt({ count, left, width }, x) {
   return [first, Math.min(isCrowded({ count, width }) ? Math.ceil(end) : first + 1, count)];
 }
 
-export function axisLane(track, rate) {
+// The numbers of the frames, and the seconds from the first one where it is known how many numbers a second has.
+export function axisLane(track, perSecond) {
+  const secondsTo = (frame) => Number(BigInt(frame) - BigInt(track.frames[0])) / perSecond;
   return {
-    height: rate ? 30 : 18, label: "Frame",
+    height: perSecond ? 30 : 18, label: "Frame",
     draw(pen, view, top, colours) {
       const places = new Set(ticks(0, view.count, Math.max(2, view.width / 90)).map(Math.round));
       for (const i of places) {
@@ -27,8 +29,8 @@ export function axisLane(track, rate) {
         const x = toX(view, i + 0.5);
         pen.rect(x - 0.5, top + 1, 1, 4, colours.of("soft"));
         const align = x < view.left + 16 ? "left" : x > view.left + view.width - 16 ? "right" : "center";
-        pen.text(x, top + 15, String(track.frames[i]), colours.of("soft"), { align, size: 11 });
-        if (rate) pen.text(x, top + 27, `${((track.frames[i] - track.frames[0]) / rate).toFixed(1)} s`, colours.of("soft"), { align, size: 10 });
+        pen.text(x, top + 15, track.frames[i], colours.of("soft"), { align, size: 11 });
+        if (perSecond) pen.text(x, top + 27, `${secondsTo(track.frames[i]).toFixed(1)} s`, colours.of("soft"), { align, size: 10 });
       }
     },
   };

@@ -101,7 +101,7 @@ def test_the_page_of_failures_is_scored_anew_only_after_it_was_shown(tmp_path, m
     (listed,) = (route.endpoint for route in served if route.path == "/failures.json")
     counts = []
     for _ in range(3):
-        assert [row["frame"] for row in json.loads(listed(None).body)] == [3, 7]
+        assert [row["frame"] for row in json.loads(listed(None).body)] == ["3", "7"]
         counts.append(len(scored))
     assert counts == [1, 2, 3]
 

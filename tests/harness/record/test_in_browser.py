@@ -246,7 +246,7 @@ def test_a_page_beside_a_viewer_covers_a_recording_until_it_is_whole_and_steps_f
         wait_for(lambda: _shows(frame) in _state(browser), at_most_s=LOADED_S, every_s=0.2)
         wait_for(lambda: _tabs_in_front(browser, tmp_path) == {subject}, at_most_s=LOADED_S, every_s=0.2)
         assert browser.find_element("id", "place").text == place
-        assert browser.execute_script("return frameShown()") == frame
+        assert browser.execute_script("return frameShown()") == str(frame)
 
     clip = _two_tabs(record_run(frames, jpeg=True))
     set_width(browser, SIZE_PX[0], round(SIZE_PX[1] / 0.6))  # the list is above, 40 % of the page

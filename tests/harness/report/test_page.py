@@ -6,6 +6,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from html.parser import HTMLParser
 from typing import Any
 
@@ -78,8 +79,18 @@ def test_runs_and_steps_say_what_was_coded() -> None:
     values, frames = np.array([3, 3, -1, 3, 7, 7, 7]), np.array([2, 4, 6, 7, 8, 20])
     assert _expanded(runs(values)) == values.tolist()
     first, *differences = steps(frames)
-    assert [first + sum(_expanded(differences)[:k]) for k in range(len(frames))] == frames.tolist()
+    assert [int(first) + sum(_expanded(differences)[:k]) for k in range(len(frames))] == frames.tolist()
     assert runs(values[:0]) == steps(frames[:0]) == []
+
+
+@pytest.mark.parametrize(("first", "step", "per_second"), [(1, 1, 25.0), (0, 8, 200.0), (10**18, 40_000_000, 1e9)])
+def test_a_page_knows_how_many_frame_numbers_a_second_has(first: int, step: int, per_second: float) -> None:
+    """Counted ones, every eighth of counted ones, and time stamps, at 25 frames per second."""
+    records = [replace(record, frame=first + step * at) for at, record in enumerate(answers(["cup"] * 4))]
+    scores, tables, attention, _ = _scored(records, {})
+    clip = ClipOfRun(name="clip", licence=None, frames=[], rate_hz=25.0)
+    page = _Page(render_page(scores, tables, attention, RunManifest(experiment="test", clips=[clip])))
+    assert page.data["clips"][0]["per_second"] == per_second
 
 
 def test_timelines_say_what_the_verdicts_say() -> None:
@@ -90,7 +101,7 @@ def test_timelines_say_what_the_verdicts_say() -> None:
     (lane,) = track["configurations"]
     assert (page.data["clips"][0]["name"], track["subject"]) == ("clip", "girl")
     assert page.data["configurations"] == [{"name": "one", "oracle": False}]
-    assert track["frames"] == [1, 1, 4]
+    assert track["frames"] == ["1", 1, 4]
     assert [STATES[each] for each in _expanded(lane["states"])] == [
         *("correct", "no_hit", "missed", "no_subject", "unscored")
     ]

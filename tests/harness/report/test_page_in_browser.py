@@ -19,7 +19,7 @@ import pytest
 from PIL import Image, ImageColor
 
 from harness.files.io import atomic_write
-from harness.labels.labels import Labels
+from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.page.data import ERROR_COLOURS
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
@@ -280,6 +280,22 @@ def test_keys_stay_in_what_was_selected_in_a_figure(report: ReportPage, crowded:
         report.wait_for_place("two", "b", "girl", 1)
         report.press(key)
         report.wait_for_place(*place)
+
+
+def test_a_frame_whose_number_is_a_time_stamp_is_named_to_the_last_digit(report: ReportPage, tmp_path: Path) -> None:
+    """JavaScript's numbers have 53 bits, a stamp in nanoseconds 61."""
+    stamps = [1_764_320_399_950_000_001 + 40_000_001 * number for number in range(4)]
+    given = answers(["cup", "cup", "cup", "dragon"])
+    records = [replace(record, frame=stamp) for stamp, record in zip(stamps, given, strict=True)]
+    cup = Label(target="cup")
+    truth = Labels(LabelRange(first_frame=stamp, last_frame=stamp, subject="girl", label=cup) for stamp in stamps)
+    score_run(tmp_path, records, Reference(labels={"clip": truth}))
+    report.open(tmp_path / "report.html")
+    report.press("n")
+    assert f"Frame {stamps[-1]} " in report.box("Frame")
+    report.wait(lambda: report.browser.current_url.endswith(f"frame={stamps[-1]}"))
+    report.open(tmp_path / "report.html", clip="clip", config="one", subject="girl", frame=stamps[1])
+    report.wait_for_place("one", "clip", "girl", stamps[1])
 
 
 def test_pointing_at_a_frame_shows_its_attention_and_a_click_keeps_it(page: ReportPage) -> None:
