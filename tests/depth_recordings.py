@@ -61,6 +61,9 @@ class Messages:
         self._store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
         self._store.register(get_types_from_msg(PACKET, "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"))
         self._store.register(get_types_from_msg(EXTRINSICS, "realsense2_camera_msgs/msg/Extrinsics"))
+        if is_ros1:
+            transforms = "geometry_msgs/TransformStamped[] transforms"
+            self._store.register(get_types_from_msg(transforms, "tf2_msgs/msg/TFMessage"))
         self._connections: dict[tuple[str, str], Any] = {}
 
     def image(
@@ -127,15 +130,49 @@ class Messages:
         translation: Sequence[float],
         quaternion: Sequence[float],
     ) -> None:
+        fields = self._moved(stamp_ns, parent, child, translation, quaternion)
+        stamped = self._store.types["geometry_msgs/msg/TransformStamped"](**fields)
+        self.write(topic, "tf2_msgs/msg/TFMessage", stamp_ns, transforms=[stamped])
+
+    def moved(
+        self,
+        topic: str,
+        stamp_ns: int,
+        parent: str,
+        child: str,
+        translation: Sequence[float],
+        quaternion: Sequence[float],
+    ) -> None:
+        """One transform on a topic of its own."""
+        fields = self._moved(stamp_ns, parent, child, translation, quaternion)
+        self.write(topic, "geometry_msgs/msg/TransformStamped", stamp_ns, **fields)
+
+    def _moved(
+        self, stamp_ns: int, parent: str, child: str, translation: Sequence[float], quaternion: Sequence[float]
+    ) -> dict[str, Any]:
         types = self._store.types
         moved = types["geometry_msgs/msg/Transform"](
             translation=types["geometry_msgs/msg/Vector3"](*map(float, translation)),
             rotation=types["geometry_msgs/msg/Quaternion"](*map(float, quaternion)),
         )
-        stamped = types["geometry_msgs/msg/TransformStamped"](
-            header=self.header(stamp_ns, parent), child_frame_id=child, transform=moved
+        return {"header": self.header(stamp_ns, parent), "child_frame_id": child, "transform": moved}
+
+    def pose(
+        self,
+        topic: str,
+        stamp_ns: int,
+        frame: str,
+        position: Sequence[float],
+        quaternion: Sequence[float],
+        log_ns: int = 0,
+    ) -> None:
+        types = self._store.types
+        pose = types["geometry_msgs/msg/Pose"](
+            position=types["geometry_msgs/msg/Point"](*map(float, position)),
+            orientation=types["geometry_msgs/msg/Quaternion"](*map(float, quaternion)),
         )
-        self.write(topic, "tf2_msgs/msg/TFMessage", stamp_ns, transforms=[stamped])
+        header = self.header(stamp_ns, frame)
+        self.write(topic, "geometry_msgs/msg/PoseStamped", log_ns or stamp_ns, header=header, pose=pose)
 
     def extrinsics(
         self, topic: str, stamp_ns: int, rotation: NDArray[np.float64], translation: Sequence[float]

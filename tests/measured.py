@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from harness.sources import ADAPTERS, MeasuredClip
+from tests.depth_recordings import messages
 from tests.disk import labels_text
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
@@ -199,6 +200,17 @@ def vicon_file(path: Path, bodies: Mapping[str, NDArray[Any]], *, rate: str = "1
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(",".join(row) for row in rows) + "\n")
     return path
+
+
+def ros_file(path: Path, bodies: Mapping[str, NDArray[Any]]) -> Path:
+    """A ROS 1 bag as vrpn_client_ros fills it, 100 messages a second of each body; poses as in :func:`motive_file`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    with messages(path.parent, "bag", path.stem) as (bag, write):
+        for number, poses in enumerate(zip(*bodies.values(), strict=True), start=1):
+            for name, pose in zip(bodies, poses, strict=True):
+                write.pose(f"/vrpn_client_node/{name}/pose", number * 10**7, "world", pose[4:], pose[:4])
+    return bag
 
 
 def refusal(read: Callable[[Path], object], path: Path, before: str, after: str) -> str:

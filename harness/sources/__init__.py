@@ -221,6 +221,7 @@ ADAPTERS = Registry(
         "motive": "harness.sources.measured.motive:MotiveClip",
         "openface": "harness.sources.measured.openface:OpenFaceClip",
         "qualisys": "harness.sources.measured.qualisys:QualisysClip",
+        "ros_poses": "harness.sources.measured.ros_poses:RosPosesClip",
         "rosbag": "harness.sources.recordings.clip:BagClip",
         "sintel": "harness.sources.sintel:SintelClip",
         "stereo_folder": "harness.sources.stereo_folder:StereoFolderClip",

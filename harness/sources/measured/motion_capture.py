@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -83,12 +83,17 @@ class Poses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Take:
-    """A file's frames: numbers (N,), times (N,) s, and the poses of each body by name; ``bones`` are some of these."""
+    """A file's frames: numbers (N,), times (N,) ns, and the poses of each body by name; ``bones`` are some of these.
+
+    ``digest`` is that of what was read, if it is not one file; ``notes`` are for the reader of a table.
+    """
 
     numbers: Sequence[int]
-    times_s: Sequence[float]
+    times_ns: Sequence[int]
     poses: Mapping[str, Poses]
     bones: frozenset[str] = frozenset()
+    digest: str | None = None
+    notes: tuple[str, ...] = ()
 
 
 class MotionCaptureClip(FramesOfMeasurements, ABC):
@@ -96,7 +101,7 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
 
     def __init__(self, settings: MotionCaptureSettings, root: Path | None) -> None:
         path = (root if root is not None else Path.cwd()) / settings.file
-        take = self.read(path, settings.every)
+        take = self._take(path, settings)
         worn = _worn(settings, take, path)
         things = [name for name in take.poses if name not in {*worn.values(), *take.bones}]
         for name in settings.sizes_m:
@@ -106,7 +111,7 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
         self._rotations = {name: dict(zip(take.numbers, moving[body][0], strict=True)) for name, body in worn.items()}
         frames = {
             number: MeasuredFrame(
-                time_ns=round(1e9 * time_s),
+                time_ns=time_ns,
                 people=tuple(
                     _TrackedPerson(name, settings.heads[name], *(of_all[place] for of_all in moving[body]))
                     for name, body in worn.items()
@@ -115,10 +120,10 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
                     _TrackedObject(name, settings, *(of_all[place] for of_all in moving[name])) for name in things
                 ),
             )
-            for place, (number, time_s) in enumerate(zip(take.numbers, take.times_s, strict=True))
+            for place, (number, time_ns) in enumerate(zip(take.numbers, take.times_ns, strict=True))
         }
-        super().__init__(frames, settings.fixed_objects(), settings, str(path), file_digest(path))
-        self.notes = (*_lost({**worn, **{name: name for name in things}}, take), *_notes_on_eyes(settings))
+        super().__init__(frames, settings.fixed_objects(), settings, str(path), take.digest or file_digest(path))
+        self.notes = (*take.notes, *_lost({**worn, **{name: name for name in things}}, take), *_notes_on_eyes(settings))
 
     def forward(self, person: str) -> Float:
         """Return where the face points in the axes of the body that a person wears, a unit vector (3,)."""
@@ -127,6 +132,10 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
     def left_from_body(self, person: str, number: int) -> Float:
         """Return the rotation (3, 3) from these axes into the clip's in one frame; NaN where the body was lost."""
         return self._rotations[person][number]
+
+    def _take(self, path: Path, settings: MotionCaptureSettings) -> Take:
+        """Read a file as the settings say."""
+        return self.read(path, settings.every)
 
     @staticmethod
     @abstractmethod
@@ -192,20 +201,29 @@ def frames_per_second(cell: str, where: str, instead: str = "") -> float:
     return float(cell)
 
 
+def nanoseconds(times_s: Float) -> list[int]:
+    """Times (N,) s as whole nanoseconds."""
+    return [round(1e9 * time_s) for time_s in times_s.tolist()]
+
+
 def poses_of(names: Collection[str], cells: Float, unit_m: float, lines: Sequence[int], path: Path) -> dict[str, Poses]:
     """The poses of each body from its quaternions x, y, z, w and its places (N, 7), which are beside each other.
 
     NaN or zeros are those of a body that was lost. A :class:`VfoaError` says where a quaternion is not of length 1.
     """
     of_bodies = zip(names, np.split(cells, len(names), axis=1), strict=True)
-    return {name: _poses(of_body, unit_m, lines, path, name) for name, of_body in of_bodies}
+    return {
+        name: poses_in(of_body, unit_m, lambda row, name=name: f"{path}:{lines[row]}: {name}")  # type: ignore[misc]
+        for name, of_body in of_bodies
+    }
 
 
-def _poses(cells: Float, unit_m: float, lines: Sequence[int], path: Path, name: str) -> Poses:
+def poses_in(cells: Float, unit_m: float, where: Callable[[int], str]) -> Poses:
+    """The poses of one body as in :func:`poses_of`; ``where`` a row is opens its message."""
     lengths = np.linalg.norm(cells[:, :4], axis=1)
     is_known = ~np.isnan(cells).any(axis=1) & (lengths > 0)
     for row in np.flatnonzero(is_known & (np.abs(lengths - 1) > _UNIT_TOLERANCE))[:1]:
-        raise VfoaError(f"{path}:{lines[row]}: {name}: found a quaternion of length {lengths[row]:.3g}; expected 1")
+        raise VfoaError(f"{where(int(row))}: found a quaternion of length {lengths[row]:.3g}; expected 1")
     rotations, places_m = np.full((len(cells), 3, 3), np.nan), np.full((len(cells), 3), np.nan)
     if is_known.any():
         rotations[is_known] = rotation_of(cells[is_known, :4])

@@ -31,6 +31,7 @@ from harness.sources.measured.motion_capture import (
     Up,
     check_body,
     frame_numbers,
+    nanoseconds,
     poses_of,
     read_cells,
 )
@@ -76,7 +77,7 @@ class MotiveClip(MotionCaptureClip):
         lines, cells = read_cells(rows, header, columns, every, path)
         return Take(
             numbers=frame_numbers(cells[:, 0], lines, path),
-            times_s=cells[:, 1].tolist(),
+            times_ns=nanoseconds(cells[:, 1]),
             poses=poses_of(bodies, cells[:, 2:], unit_m, lines, path),
             bones=bones,
         )

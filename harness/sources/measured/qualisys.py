@@ -35,6 +35,7 @@ from harness.sources.measured.motion_capture import (
     check_body,
     frame_numbers,
     frames_per_second,
+    nanoseconds,
     read_cells,
 )
 from vfoa.errors import VfoaError
@@ -99,7 +100,7 @@ class QualisysClip(MotionCaptureClip):
         of_bodies = np.split(cells[:, len(clock) :], len(bodies), axis=1)
         return Take(
             numbers=numbers,
-            times_s=times_s.tolist(),
+            times_ns=nanoseconds(times_s),
             poses={name: _poses(each, lines, path, name) for name, each in zip(bodies, of_bodies, strict=True)},
         )
 

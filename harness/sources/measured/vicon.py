@@ -77,7 +77,7 @@ class ViconClip(MotionCaptureClip):
         numbers = frame_numbers(cells[:, 0], lines, path)
         return Take(
             numbers=numbers,
-            times_s=[(number - numbers[0]) / rate_hz for number in numbers],
+            times_ns=[round(1e9 * (number - numbers[0]) / rate_hz) for number in numbers],
             poses=poses_of(bodies, cells[:, 1:], 0.001, lines, path),
         )
 

@@ -182,6 +182,22 @@ class BagContainer:
         self._lock = Lock()  # a reader has one position, and several threads read frames
         weakref.finalize(self, _close, self._readers)
 
+    def types(self) -> Iterator[tuple[str, MessageType]]:
+        """Topics by the bags' own indexes."""
+        for part in self._parts:
+            for connection in self._reader(part).connections:
+                yield _name(connection), _message_type(connection)
+
+    def poses(self, losses: list[str]) -> Iterator[tuple[str, MessageType, int, bytes]]:
+        """Messages in the order of their log times."""
+        for number, part in enumerate(self._parts):
+            reader = self._reader(part)
+            kinds = {connection.id: _message_type(connection) for connection in reader.connections}
+            wanted = [connection for connection in reader.connections if kinds[connection.id].is_pose]
+            messages = reader.messages(wanted) if wanted else iter(())
+            for connection, log_ns, data in self._readable(number, messages, losses):
+                yield _name(connection), kinds[connection.id], log_ns, data
+
     def span_ns(self) -> tuple[int, int] | None:
         """Log times from the bags' own indexes."""
         readers = [reader for part in self._parts if (reader := self._reader(part)).message_count]
@@ -256,6 +272,20 @@ class BagContainer:
         self, number: int, messages: Iterator[Any], topics: TopicIndex, topic_of: Mapping[int, Topic]
     ) -> Iterator[str]:
         last: dict[tuple[str, str], tuple[int, int]] = {}
+        losses: list[str] = []
+        for connection, log_ns, data in self._readable(number, messages, losses):
+            topic = topic_of[connection.id]
+            key = topic.name, topic.type.name
+            before_ns, before = last.get(key, (None, 0))
+            place = before + 1 if before_ns == log_ns else 0
+            last[key] = log_ns, place
+            topics.add(topic, log_ns, data, (number, log_ns, place))
+        yield from losses
+
+    def _readable(
+        self, number: int, messages: Iterator[Any], losses: list[str]
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield the messages of one part up to the first that cannot be read, which ``losses`` describes."""
         log_ns: int | None = None
         while True:
             try:
@@ -267,15 +297,12 @@ class BagContainer:
             except Exception as error:  # as above
                 after = "at its start" if log_ns is None else f"after {log_ns} ns"
                 what = "not read" if isinstance(error, TooLargeError) else "damaged"
-                yield f"{self._parts[number].name}: {what} {after} ({first_line(error)}): everything after it is lost"
+                losses.append(
+                    f"{self._parts[number].name}: {what} {after} ({first_line(error)}): everything after it is lost"
+                )
                 return
             log_ns = time_ns
-            topic = topic_of[connection.id]
-            key = topic.name, topic.type.name
-            before_ns, before = last.get(key, (None, 0))
-            place = before + 1 if before_ns == log_ns else 0
-            last[key] = log_ns, place
-            topics.add(topic, log_ns, bytes(data), (number, log_ns, place))
+            yield connection, time_ns, bytes(data)
 
 
 def _is_video(reader: Any, connection: Connection) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
@@ -22,6 +23,7 @@ from harness.sources.recordings.bags import BagContainer, bag_parts, data_files
 from harness.sources.recordings.cameras import DepthCamera, PairCameras, Recording
 from harness.sources.recordings.containers import Container, starts_with, window_of
 from harness.sources.recordings.mcap_files import MAGIC, McapContainer, files_in, read_summary
+from harness.sources.recordings.messages import IMAGES
 from harness.sources.recordings.pixels import read_depth, read_image
 from harness.sources.recordings.topics import (
     Place,
@@ -296,12 +298,27 @@ def open_container(path: Path) -> Container:
     return McapContainer(files)
 
 
+def is_of_poses(path: Path) -> bool:
+    """Whether a path is a recording that has poses and no images, and so is a clip of measurements."""
+    if not (bag_parts(path) or starts_with(path, MAGIC) or (path.is_dir() and files_in(path))):
+        return False
+    has_poses = False
+    with suppress(VfoaError):  # one that cannot be read: opening it as a clip says why
+        for _, kind in open_container(path).types():
+            if kind.kind in IMAGES or kind.is_unread_image:
+                return False
+            has_poses |= kind.is_pose
+    return has_poses
+
+
 class McapClip(RecordingClip):
     """A recording in MCAP, of ROS 1, ROS 2 or Foxglove."""
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise an MCAP file, whatever its name, or a folder of ``.mcap``: one recording that was split."""
+        if is_of_poses(path):
+            return ()
         if starts_with(path, MAGIC):
             serials = zed.serials(channel.topic for channel in read_summary(path).channels.values())
             return (_of_zed(path, serials[0]) if serials else _recognised(path, "an MCAP recording"),)
@@ -315,6 +332,8 @@ class BagClip(RecordingClip):
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise a ``.bag`` or ``.db3``, whatever its name, or the folder that ``ros2 bag`` recorded."""
+        if is_of_poses(path):
+            return ()
         parts = bag_parts(path)
         return (_recognised(path, "a ROS bag", len(parts)),) if parts else ()
 

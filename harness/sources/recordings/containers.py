@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bz2
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -215,6 +215,15 @@ class Container(Protocol):
     @property
     def files(self) -> tuple[Path, ...]:
         """All files on which messages depend, in order."""
+
+    def types(self) -> Iterator[tuple[str, MessageType]]:
+        """Each topic, as soon as it is found, and the type of its messages; raises as :meth:`index`."""
+
+    def poses(self, losses: list[str]) -> Iterator[tuple[str, MessageType, int, bytes]]:
+        """Each message of poses: its topic, its type, its log time, ns, and its content; raises as :meth:`index`.
+
+        ``losses`` gets a description of each unreadable part.
+        """
 
     def span_ns(self) -> tuple[int, int] | None:
         """Log times of the first and the last message; None without messages."""

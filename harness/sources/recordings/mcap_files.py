@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -165,6 +166,31 @@ class McapContainer:
 
     def __init__(self, files: tuple[Path, ...]) -> None:
         self.files = files
+
+    def types(self) -> Iterator[tuple[str, MessageType]]:
+        """Topics by the summaries; without these, messages are read until they are found."""
+        for path in self.files:
+            summary, known = read_summary(path), set[int]()
+            messages = () if summary.channels else walk_messages(path, summary, [])
+            for _ in chain([None], messages):
+                for channel in [summary.channels[number] for number in summary.channels.keys() - known]:
+                    known.add(channel.id)
+                    yield channel.topic, channel_type(channel, summary.schemas.get(channel.schema_id))
+
+    def poses(self, losses: list[str]) -> Iterator[tuple[str, MessageType, int, bytes]]:
+        """Messages in the order of writing."""
+        for path in self.files:
+            summary, lost = read_summary(path), list[str]()
+            for _, _, message in walk_messages(path, summary, lost):
+                channel = summary.channels.get(message.channel_id)
+                if channel is None:  # it was in a chunk that is lost
+                    continue
+                kind = channel_type(channel, summary.schemas.get(channel.schema_id))
+                if kind.is_pose:
+                    with reported_as(f"{path}: {channel.topic}"):
+                        data = _content(message, channel.message_encoding)
+                    yield channel.topic, kind, message.log_time, data
+            losses += [f"{path.name}: {loss}" for loss in lost]
 
     def span_ns(self) -> tuple[int, int] | None:
         """Log times from summaries, or without these from the heads of the records; reads no message."""

@@ -48,6 +48,15 @@ _KINDS: dict[str, dict[str, Kind]] = {
     },
 }
 
+_POSES = frozenset(
+    {
+        "geometry_msgs/msg/PoseStamped",
+        "geometry_msgs/msg/TransformStamped",
+        "tf2_msgs/msg/TFMessage",
+        "tf/msg/tfMessage",
+    }
+)
+
 BY_NAME = "by name"
 """Schema encoding of a ROS 2 message without a definition in the recording: the standard definition is used."""
 
@@ -104,6 +113,11 @@ class MessageType:
         """Whether it carries images in an encoding that is not read, such as Foxglove's in JSON."""
         named = {kinds.get(name) for kinds in _KINDS.values() for name in (self.name, ros_name(self.name))}
         return self.kind is None and not IMAGES.isdisjoint(named)
+
+    @property
+    def is_pose(self) -> bool:
+        """Whether it carries poses of bodies or of coordinate frames."""
+        return self.name in _POSES and self.schema_encoding in _SCHEMAS.get(self.message_encoding, ())
 
     @property
     def is_ros(self) -> bool:

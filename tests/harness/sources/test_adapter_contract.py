@@ -39,6 +39,7 @@ from tests.measured import (
     openface_file,
     pose,
     qualisys_file,
+    ros_file,
     vicon_file,
 )
 from tests.recordings import rectified_camera, write_pairs
@@ -131,6 +132,12 @@ def qualisys(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
     return open_measured("qualisys", root, file=file.name, heads={"anna": {}})
 
 
+def ros_poses(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
+    """Numbered from 1 without gaps whatever the frames were."""
+    file = ros_file(root / "take.bag", bodies(len(frames)))
+    return open_measured("ros_poses", root, file=file.name, heads={"anna": {}})
+
+
 def vicon(root: Path, frames: tuple[int, ...]) -> MeasuredClip:
     """Numbered from 1 without gaps whatever the frames were."""
     file = vicon_file(root / "take.csv", bodies(len(frames)))
@@ -159,6 +166,7 @@ BUILDERS: dict[str, Builder] = {
     "motive": motive,
     "openface": openface,
     "qualisys": qualisys,
+    "ros_poses": ros_poses,
     "rosbag": rosbag,
     "sintel": sintel,
     "stereo_folder": stereo_folder,

@@ -25,7 +25,7 @@ def test_another_section_ends_the_frames_and_a_last_comma_does_not_count(tmp_pat
     path = vicon_file(tmp_path / "take.csv", ANNA, rate="50")
     path.write_text(path.read_text().replace("1600.000000\n", "1600.000000,\n") + "\nMarkers\n50\n,,anna:1,,\n")
     take = ViconClip.read(path)
-    assert ([*take.numbers], [*take.times_s]) == ([1, 2, 3], [0.0, 0.02, 0.04])
+    assert ([*take.numbers], [*take.times_ns]) == ([1, 2, 3], [0, 20_000_000, 40_000_000])
 
 
 def test_zeros_are_a_lost_object(tmp_path: Path) -> None:
