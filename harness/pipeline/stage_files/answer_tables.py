@@ -175,6 +175,7 @@ class _CheckedTable:
         self._points = columns.group(POINT) if self.has_points else None
         self._out = self._are_out() if self.has_points else ()
         self._check_points()
+        self._targets = columns.cells.get("target") or ("",) * len(columns.lines)
         self._numbers = columns.numbers("instance_id")
         given = {name: columns.numbers(CHANCE + name) for name in answers if CHANCE + name in columns.cells}
         self.chances = {name: np.nan_to_num(column) for name, column in given.items()}
@@ -198,7 +199,7 @@ class _CheckedTable:
             if self._out[row]:
                 return Answer()
             return None if math.isnan(u) else Answer(point_px=(u, v))
-        target, where = self.columns.cells["target"][row], self.columns.where(row)
+        target, where = self._targets[row], self.columns.where(row)
         chances = {name: float(column[row]) for name, column in self.chances.items() if column[row] > 0}
         if self._has_chances[row] and NOWHERE not in self.chances and (rest := 1 - sum(chances.values())) > 0:
             chances[NOWHERE] = rest

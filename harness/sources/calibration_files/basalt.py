@@ -44,8 +44,8 @@ def basalt_pair(document: Document, cameras: tuple[int, int], where: str) -> Raw
     values = document["value0"]
     expect_names(values, _KEYS, where, f"the calibration of {PROGRAM}")
     count = min(len(values[key]) if isinstance(values[key], list) else 0 for key in _KEYS)
-    if unknown := next((number for number in cameras if not 0 <= number < count), None):
-        raise VfoaError(f"{where}: no camera {unknown}; found {count} cameras, from 0")
+    if unknown := [number for number in cameras if not 0 <= number < count]:
+        raise VfoaError(f"{where}: no camera {unknown[0]}; found {count} cameras, from 0")
     left, right = (_camera(values, number, f"{where}: camera {number}") for number in cameras)
     imu_from_left, imu_from_right = (_pose(values["T_imu_cam"][number], where) for number in cameras)
     right_from_left = np.linalg.inv(imu_from_right) @ imu_from_left

@@ -77,8 +77,8 @@ def _socket(named: Any, side: str, usual: int, cameras: Mapping[int, Document], 
     return int(number)
 
 
-def _value(camera: Document, key: str, where: str) -> Any:
-    if key not in camera:
+def _value(camera: Any, key: str, where: str) -> Any:
+    if not isinstance(camera, Mapping) or key not in camera:
         raise VfoaError(f"{where}: no {key}; expected DepthAI's calibration")
     return camera[key]
 

@@ -9,6 +9,7 @@ import re
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -116,6 +117,8 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
     """
     names = sorted(names)
     runs = {name: _DIGITS.findall(os.path.splitext(name)[0]) for name in names}
+    if twice := next((name for name, other in pairwise(names) if name == other), None):
+        raise VfoaError(f"{where}: {twice!r} occurs twice; expected one image of each name")
     if len(names) == 1:
         return _unique([(int((runs[names[0]] or [0])[-1]), names[0])], where)
     first = names[0]

@@ -50,7 +50,8 @@ def read_head(path: Path) -> MatroskaHead:
     """Read it by FFmpeg; raises :class:`VfoaError` if it is not a film."""
     import av
 
-    with reported_as(f"{path}: cannot be read as a film"), av.open(str(path)) as container:
+    opened = reported_as(f"{path}: cannot be read as a film")
+    with opened, av.open(str(path), metadata_errors="replace") as container:
         tracks = {
             stream.metadata.get("title", ""): VideoTrack(stream.index, (stream.width, stream.height), stream.metadata)
             for stream in container.streams.video

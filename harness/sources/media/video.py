@@ -158,7 +158,7 @@ class Video:
         import av
 
         try:
-            with av.open(str(self.path)) as container:
+            with _opened(self.path) as container:
                 stream = container.streams.video[0]
                 stream.thread_type = "NONE"
                 container.seek((container.start_time or 0) + (container.duration or 0) // 2)
@@ -210,11 +210,18 @@ def _indexed(path: Path) -> _Index:
     return _Index(stamps_ns=tuple(stamps), rate_hz=rate_hz, turn=turn, notes=tuple(notes))
 
 
+def _opened(path: Path) -> Any:
+    """The container of a film for reading, as PyAV has it; tags may be of any coding."""
+    import av
+
+    return av.open(str(path), metadata_errors="replace")
+
+
 def _readable(path: Path) -> str:
     """What to make of a film whose frames OpenCV does not decode: it has no decoder of AV1, among others."""
     import av
 
-    with suppress(av.FFmpegError, IndexError, OSError), av.open(str(path)) as container:
+    with suppress(av.FFmpegError, IndexError, OSError), _opened(path) as container:
         coded = container.streams.video[0].codec_context.codec.canonical_name
         film = shlex.join(["ffmpeg", "-i", str(path), "-c:v", "libx264", "-crf", "15", f"{path.stem}.mp4"])
         return f"another coding than {coded}, which OpenCV does not decode: `{film}`"
@@ -241,7 +248,7 @@ def _shown(path: Path) -> tuple[Turn, list[str]]:
     import av
 
     try:
-        with av.open(str(path)) as container:
+        with _opened(path) as container:
             picture = next(container.decode(video=0))
             aspect = container.streams.video[0].sample_aspect_ratio or Fraction(1)
     except (av.FFmpegError, StopIteration, IndexError, OSError) as error:
@@ -271,7 +278,7 @@ def container_tags(path: Path) -> dict[str, str]:
     import av
 
     try:
-        with av.open(str(path)) as container:
+        with _opened(path) as container:
             return dict(container.metadata)
     except (av.FFmpegError, OSError):
         return {}
@@ -291,7 +298,7 @@ def first_picture_s(path: Path) -> float:
     import av
 
     try:
-        with av.open(str(path)) as container:
+        with _opened(path) as container:
             stream = container.streams.video[0]
             begins_s = float((stream.start_time or 0) * (stream.time_base or 0))
             is_at_zero = any(name in container.format.name for name in ("mp4", "matroska"))

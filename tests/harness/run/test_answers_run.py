@@ -179,15 +179,18 @@ def test_arrays_get_the_scores_of_a_run(talk: Path) -> None:
         assert getattr(scored, name) == pytest.approx(value, abs=1e-12), name
 
 
-def test_probabilities_are_judged(talk: Path) -> None:
+@pytest.mark.parametrize("has_targets", [True, False])
+def test_probabilities_are_judged(talk: Path, has_targets: bool) -> None:
+    """A blank target, or none in any row, is the likeliest one."""
     labels = _labels(talk)
     names = ("anna", "ben", "robot", "cup", "none")
 
     def row(frame: int, subject: str, target: str) -> str:
         chances = [0.7 if name == target else 0.0 if name == subject else 0.1 for name in names]
-        return ",".join(map(str, (frame, subject, "", *chances)))
+        return ",".join(map(str, (frame, subject, *[""] * has_targets, *chances)))
 
-    _answer((row(*label) for label in labels), f"frame,subject,target,{','.join(f'p_{name}' for name in names)}")
+    columns = [*["target"] * has_targets, *(f"p_{name}" for name in names)]
+    _answer((row(*label) for label in labels), f"frame,subject,{','.join(columns)}")
     _, scores = _run(talk)
     assert _row(scores).correct == 24
     theirs = [outcome for outcome in scores.judged_subjects if outcome.configuration == "theirs"]

@@ -557,6 +557,7 @@ def _depthai(root: Path, change: Callable[[Any], object]) -> list[Path]:
         (lambda found: found["cameraData"][1][1].pop("width"), "camera 1: no width"),
         (lambda found: found["cameraData"][2][1].update(intrinsicMatrix=[1, 2]), "camera 2: intrinsicMatrix: found 2"),
         (lambda found: found["cameraData"][1][1]["extrinsics"].pop("translation"), "extrinsics: no translation"),
+        (lambda found: found["cameraData"][1][1]["extrinsics"].update(translation=3), "extrinsics: no x"),
         (lambda found: found["cameraData"][1][1]["extrinsics"].update(toCameraSocket=-1), "no common camera"),
     ],
 )
@@ -644,6 +645,11 @@ FIRST = Options(calibration_cameras=(0, 1))
         (_changed("basalt", "pinhole-radtan8", "ds"), Options(), r"camera 0: camera_type: no 'ds'"),
         (_changed("basalt", '"qw"', '"q"'), Options(), r"T_imu_cam: no qw"),
         (FORMATS["basalt"], Options(calibration_cameras=(0, 2)), r"no camera 2; found 2 cameras"),
+        (
+            _changed("basalt", '"T_imu_cam": [', '"T_imu_cam": 1, "other": ['),
+            Options(),
+            r"no camera 0; found 0 cameras",
+        ),
         (FORMATS["orb-slam 3"], FIRST, r"calibration_cameras: found \(0, 1\)"),
         (_two_zeds, Options(), r"SN2\.conf: a second "),
         # what means nothing for a file

@@ -34,6 +34,11 @@ def test_the_number_is_the_one_that_differs() -> None:
     assert number_names(names, "left") == {5: names[0], 6: names[1]}
 
 
+def test_two_images_of_one_name_are_refused() -> None:
+    with pytest.raises(VfoaError, match=r"left: 'a1\.png' occurs twice"):
+        number_names(["a1.png", "a2.png", "a1.png"], "left")
+
+
 def test_a_single_file_without_a_number_is_frame_0(tmp_path: Path) -> None:
     assert list(find_frames(_touch(tmp_path, "left.png"), "left.png", "left")) == [0]
 

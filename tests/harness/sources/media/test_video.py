@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from harness.sources.media import video
-from harness.sources.media.video import STEP, Video, first_picture_s
+from harness.sources.media.video import STEP, Video, container_tags, first_picture_s
 from harness.sources.stereo_folder import StereoFolderClip
 from harness.sources.stereo_layouts import find_layouts
 from tests.disk import moving_picture, write_bytes, write_text, write_video
@@ -189,9 +189,19 @@ def test_a_name_that_is_not_utf_8_does_not_end_the_process(tmp_path: Path) -> No
         Video(path)
 
 
-def _film(path: Path, *, pictures_s: float, sound_s: float | None) -> Path:
+def test_tags_of_another_coding_than_utf_8_do_not_matter(tmp_path: Path) -> None:
+    path = _film(tmp_path / "a.mkv", pictures_s=0.0, sound_s=None, title="caf\u00e9 ")
+    path.write_bytes(path.read_bytes().replace("caf\u00e9 ".encode(), "caf\u00e9s ".encode("latin-1")))
+    with pytest.raises(UnicodeDecodeError):
+        av.open(str(path))
+    assert len(Video(path).frames) == 10
+    assert (first_picture_s(path), container_tags(path)["title"][:3]) == (0.0, "caf")
+
+
+def _film(path: Path, *, pictures_s: float, sound_s: float | None, title: str = "a film") -> Path:
     """A film of ten pictures at 25 Hz that begin at one time, with a sound that begins at another."""
     with av.open(str(path), "w") as container:
+        container.metadata["title"] = title
         video = container.add_stream("mpeg4", rate=25)
         video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
         video.time_base = video.codec_context.time_base = Fraction(1, 1000)
