@@ -37,7 +37,7 @@ from tests.disk import moving_picture, picture, sintel_camera, sintel_disparity,
 from tests.exchanges import PlainClip, exchange
 from tests.fuzz import states, whole
 from tests.fuzz.states import Read
-from tests.measured import idiap_file, motive_file, qualisys_file, vicon_file
+from tests.measured import idiap_file, motive_file, qualisys_file, ros_file, vicon_file
 
 KINDS = {
     "boris": "json",
@@ -226,6 +226,12 @@ PARSERS: Sequence[Parser] = (
         "take.csv",
         lambda path: vicon_file(path, states.bodies()),
         states.open_motion_capture("vicon"),
+    ),
+    Parser(
+        "ROS poses",
+        "take.bag",
+        lambda path: ros_file(path, states.bodies()),
+        states.open_motion_capture("ros_poses"),
     ),
     Parser("OpenFace table", "faces.csv", states.write_openface, states.open_openface),
     Parser("OpenFace heads", "faces.csv", states.write_openface, states.read_faces),

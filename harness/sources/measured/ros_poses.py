@@ -31,9 +31,10 @@ from harness.files.digests import digest_files
 from harness.files.safe_names import check_name
 from harness.sources import Recognised
 from harness.sources.measured.motion_capture import MotionCaptureClip, MotionCaptureSettings, Poses, Take, Up, poses_in
-from harness.sources.recordings.clip import is_of_poses, open_container
+from harness.sources.recordings.clip import is_of_poses, notes_on_files, open_container
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import MessageType, fields_of, reading
+from harness.sources.recordings.topics import Place
 from vfoa.errors import VfoaError, check_known, listed, reported_as
 from vfoa.types import Float
 
@@ -88,7 +89,7 @@ class RosPosesClip(MotionCaptureClip):
         """
         settings = settings or RosPosesSettings(file=path.name)
         container, losses = open_container(path), list[str]()
-        trajectories = _trajectories(container, settings.stamps, path, losses)
+        trajectories, ends = _trajectories(container, settings.stamps, path, losses)
         names = _names(trajectories)
         chosen = _chosen(names, trajectories, settings, path)
         tree = _Tree(trajectories, settings.frame, path)
@@ -103,7 +104,12 @@ class RosPosesClip(MotionCaptureClip):
             times_ns=times_ns.tolist(),
             poses={name: tree.poses(key, times_ns) for name, key in chosen.items()},
             digest=digest_files(files),
-            notes=(*losses, *(f"{name}: sent once: taken to be at rest" for name in once)),
+            notes=(
+                *losses,
+                *notes_on_files(ends, container.files),
+                *_apart({name: trajectories[key] for name, key in chosen.items()}),
+                *(f"{name}: sent once: taken to be at rest" for name in once),
+            ),
         )
 
 
@@ -149,10 +155,16 @@ class _Trajectory:
         return stamps_ns, Poses(rotations=poses.rotations[places], places_m=poses.places_m[places])
 
 
-def _trajectories(container: Container, stamps: str, path: Path, losses: list[str]) -> dict[str, _Trajectory]:
-    """All trajectories by topic, which begins with a slash, or by coordinate frame, which does not."""
+def _trajectories(
+    container: Container, stamps: str, path: Path, losses: list[str]
+) -> tuple[dict[str, _Trajectory], list[Place]]:
+    """Trajectories by topic, which begins with a slash, or by coordinate frame, which does not; the ends of files."""
     trajectories: dict[str, _Trajectory] = {}
-    for topic, kind, log_ns, data in container.poses(losses):
+    ends: dict[int, tuple[Place, Place]] = {}
+    for file, topic, kind, log_ns, data in container.poses(losses):
+        here = Place(log_ns, file, 0, 0)
+        first, last = ends.get(file, (here, here))
+        ends[file] = min(first, here), max(last, here)
         where, is_static = f"{path}: {topic}", topic.endswith("tf_static")
         with reading(kind, where):
             for child, parent, stamp_ns, cells in _poses_of(kind, data, where):
@@ -169,7 +181,7 @@ def _trajectories(container: Container, stamps: str, path: Path, losses: list[st
                     trajectory.add(parent, stamp_ns if stamps == "header" else log_ns, cells)
     if not trajectories:
         raise VfoaError(f"{path}: no pose can be read{': ' * bool(losses)}{'; '.join(losses[:3])}")
-    return trajectories
+    return trajectories, [end for both in ends.values() for end in both]
 
 
 def _poses_of(kind: MessageType, data: bytes, where: str) -> Iterator[tuple[str | None, str, int, list[float]]]:
@@ -194,6 +206,20 @@ def _poses_of(kind: MessageType, data: bytes, where: str) -> Iterator[tuple[str 
 
 def _plain(frame: object) -> str:
     return str(frame).removeprefix("/")  # tf's old names began with a slash
+
+
+def _apart(bodies: Mapping[str, _Trajectory]) -> Iterator[str]:
+    """A note if two bodies have no time in common, as with two clocks."""
+    spans = {name: each.in_order[0][[0, -1]] for name, each in bodies.items() if each.is_moving}
+    if not spans:
+        return
+    early = min(spans, key=lambda name: int(spans[name][1]))
+    late = max(spans, key=lambda name: int(spans[name][0]))
+    if (apart_s := (spans[late][0] - spans[early][1]) / 1e9) > 0:
+        yield (
+            f"{late} begins {apart_s:.3f} s after {early} ends; if that is due to clocks that differ, "
+            'say stamps = "log" in [source]'
+        )
 
 
 def _names(trajectories: Mapping[str, _Trajectory]) -> dict[str, str]:

@@ -188,7 +188,7 @@ class BagContainer:
             for connection in self._reader(part).connections:
                 yield _name(connection), _message_type(connection)
 
-    def poses(self, losses: list[str]) -> Iterator[tuple[str, MessageType, int, bytes]]:
+    def poses(self, losses: list[str]) -> Iterator[tuple[int, str, MessageType, int, bytes]]:
         """Messages in the order of their log times."""
         for number, part in enumerate(self._parts):
             reader = self._reader(part)
@@ -196,7 +196,7 @@ class BagContainer:
             wanted = [connection for connection in reader.connections if kinds[connection.id].is_pose]
             messages = reader.messages(wanted) if wanted else iter(())
             for connection, log_ns, data in self._readable(number, messages, losses):
-                yield _name(connection), kinds[connection.id], log_ns, data
+                yield number, _name(connection), kinds[connection.id], log_ns, data
 
     def span_ns(self) -> tuple[int, int] | None:
         """Log times from the bags' own indexes."""

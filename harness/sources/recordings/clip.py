@@ -85,7 +85,7 @@ def join_streams(
 
 
 def notes_on_files(places: Sequence[Place], files: Sequence[Path]) -> list[str]:
-    """Notes on files of one topic that do not follow each other, as the parts of a recording that was split do."""
+    """Notes on files that do not follow each other, as the parts of a recording that was split do."""
     spans: dict[int, tuple[int, int]] = {}
     for place in places:
         begin, end = spans.get(place.file, (place.stamp_ns, place.stamp_ns))
@@ -93,7 +93,7 @@ def notes_on_files(places: Sequence[Place], files: Sequence[Path]) -> list[str]:
     notes = []
     for (one, (_, end)), (other, (begin, _)) in pairwise(sorted(spans.items(), key=lambda span: span[1])):
         if not 0 <= (apart_s := (begin - end) / 1e9) <= _APART_S:
-            what = f"{apart_s:.0f} s lie between them" if apart_s > 0 else "both have images of the same time"
+            what = f"{apart_s:.0f} s lie between them" if apart_s > 0 else "both are of the same time"
             notes.append(
                 f"{files[one].name}, {files[other].name}: {what}; recordings of their own are clips of their own: add "
                 "each file"

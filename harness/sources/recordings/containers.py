@@ -219,8 +219,8 @@ class Container(Protocol):
     def types(self) -> Iterator[tuple[str, MessageType]]:
         """Each topic, as soon as it is found, and the type of its messages; raises as :meth:`index`."""
 
-    def poses(self, losses: list[str]) -> Iterator[tuple[str, MessageType, int, bytes]]:
-        """Each message of poses: its topic, its type, its log time, ns, and its content; raises as :meth:`index`.
+    def poses(self, losses: list[str]) -> Iterator[tuple[int, str, MessageType, int, bytes]]:
+        """Each message of poses: its file's index, topic, type, log time, ns, and content; raises as :meth:`index`.
 
         ``losses`` gets a description of each unreadable part.
         """

@@ -177,9 +177,9 @@ class McapContainer:
                     known.add(channel.id)
                     yield channel.topic, channel_type(channel, summary.schemas.get(channel.schema_id))
 
-    def poses(self, losses: list[str]) -> Iterator[tuple[str, MessageType, int, bytes]]:
+    def poses(self, losses: list[str]) -> Iterator[tuple[int, str, MessageType, int, bytes]]:
         """Messages in the order of writing."""
-        for path in self.files:
+        for number, path in enumerate(self.files):
             summary, lost = read_summary(path), list[str]()
             for _, _, message in walk_messages(path, summary, lost):
                 channel = summary.channels.get(message.channel_id)
@@ -189,7 +189,7 @@ class McapContainer:
                 if kind.is_pose:
                     with reported_as(f"{path}: {channel.topic}"):
                         data = _content(message, channel.message_encoding)
-                    yield channel.topic, kind, message.log_time, data
+                    yield number, channel.topic, kind, message.log_time, data
             losses += [f"{path.name}: {loss}" for loss in lost]
 
     def span_ns(self) -> tuple[int, int] | None:

@@ -122,7 +122,7 @@ def test_a_folder_of_files_is_one_recording(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("first", "said"),
-    [(6, None), (255, None), (256, r"10 s lie between them"), (1, "both have images of the same time")],
+    [(6, None), (255, None), (256, r"10 s lie between them"), (1, "both are of the same time")],
 )
 def test_recordings_of_their_own_in_a_folder_are_told(tmp_path: Path, first: int, said: str | None) -> None:
     """The parts of a recording follow each other: files of different times, or of the same, may be several clips."""

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.writer import Writer
 from scipy.spatial.transform import Rotation
 
@@ -22,6 +24,7 @@ from tests.disk import labels_text, picture, write_text
 from tests.measured import EXPERIMENT, open_measured
 from tests.recordings import HEADER
 from vfoa.errors import VfoaError
+from vfoa.geometry import angle_between
 from vfoa.types import Float, Scene
 
 START_NS = 1_700_000_000_000_000_000
@@ -250,6 +253,55 @@ def test_a_cut_recording_is_read_as_far_as_it_goes(tmp_path: Path, monkeypatch: 
     check = check_clip(added.name)
     assert (added.adapter, check.problems) == ("ros_poses", ())
     assert any("cut.mcap: cut at byte" in note for note in check.notes)
+
+
+def test_recordings_of_their_own_in_one_folder_are_noted(tmp_path: Path) -> None:
+    for name, start_ns in (("a", START_NS), ("b", START_NS + 3600 * 10**9)):
+        with messages(tmp_path, "bag", name) as (_, write):
+            for step in range(3):
+                vrpn(write, "anna", start_ns + step * STEP_NS, [0, 0, 1.6])
+    (note,) = (note for note in opened(tmp_path).notes if "recordings of their own" in note)
+    assert note.startswith("a.bag, b.bag: 3600 s lie between them")
+
+
+def test_clocks_that_differ_are_noted(tmp_path: Path) -> None:
+    """The cup's computer is an hour ahead."""
+
+    def fill(write: Messages) -> None:
+        for step in range(3):
+            stamp_ns = START_NS + step * STEP_NS
+            vrpn(write, "anna", stamp_ns, [0, 0, 1.6])
+            write.pose("/cup/pose", stamp_ns + 3600 * 10**9, "world", [1, 0, 1], STILL, log_ns=stamp_ns)
+
+    path = record(tmp_path, fill)
+    assert any(note.startswith("cup begins 3599.980 s after anna ends") for note in opened(path).notes)
+    clip = opened(path, stamps="log")
+    assert (len(clip.frames), [note for note in clip.notes if "begins" in note]) == (3, [])
+
+
+def test_a_genuine_robot_stands_where_its_localisation_says(shared_data: Path) -> None:
+    """Its program dates transforms ahead of /amcl_pose: the robot drives some cm meanwhile."""
+    path = shared_data / "mcap" / "no_image_topics.mcap"
+    clip = opened(path, heads={"robot": {"body": "base_link", **FACE}}, bodies=["rplidar_link"])
+    assert [*clip.objects] == ["rplidar_link"]
+    times_ns = np.array([clip.time_ns(number) for number in clip.frames])
+    apart_m, apart_rad = [], []
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        said = [message for *_, message in reader.iter_decoded_messages(topics=["/amcl_pose"])]
+    for message in said:
+        header, pose = message.header, message.pose.pose
+        near = np.abs(times_ns - (header.stamp.sec * 10**9 + header.stamp.nanosec)).argmin()
+        (robot,) = clip.scene(clip.frames[near]).people
+        if robot.eye_origin_left is not None and robot.view.head_pose is not None:
+            place = left_from_ros([pose.position.x, pose.position.y, 0])
+            apart_m.append(np.linalg.norm(robot.eye_origin_left[[0, 2]] - np.array(place)[[0, 2]]))
+            yaw = 2 * np.arctan2(pose.orientation.z, pose.orientation.w)
+            ahead = left_from_ros([np.cos(yaw), np.sin(yaw), 0])
+            apart_rad.append(angle_between(robot.view.head_pose.direction, ahead))
+    assert len(apart_m) > 120
+    assert np.median(apart_m) < 0.05
+    assert np.median(apart_rad) < 0.03
 
 
 def _pose(topic: str, frame: str, turn: Sequence[float] = STILL, x: float = 0.0) -> Callable[[Messages], None]:
