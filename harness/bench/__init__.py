@@ -80,8 +80,12 @@ def _attention(bench: Bench) -> list[Table]:
     sizes = [((10.0,), 1), ((10.0, 25.0), 3)]
     timings = [time_attention(cones_cm=cones, boxes=20, subjects=people) for cones, people in sizes]
     drawn = drawn_on(bench.manifest, bench.manifest.open().frames, bench.experiment)
+    seeded = {
+        f"{boxes} boxes, {count} {'person' if count == 1 else 'people'}": seeded_scenes(boxes=boxes, subjects=count)
+        for boxes, count in SIZES
+    }
     material = {
-        **{f"{boxes} boxes, {people} people": seeded_scenes(boxes=boxes, subjects=people) for boxes, people in SIZES},
+        **seeded,
         bench.manifest.name: scenes_of(bench.manifest, bench.experiment.configurations[0], bench.frames, drawn),
     }
     return [attention_table(timings), methods_table(time_methods(material))]

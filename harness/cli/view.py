@@ -13,7 +13,7 @@ import typer
 
 from harness.cli.options import OneClip, OneConfiguration, Port, Recordings, Replace, run_directories, run_folder
 from harness.cli.terminal import ended_by_signals, say, say_forwarding, signals_as_ctrl_c
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, did_you_mean, listed
 
 if TYPE_CHECKING:
     from harness.record.composed import Composed, RecordedClip
@@ -60,6 +60,8 @@ def view(
     if screenshot is not None:
         if web:
             raise VfoaError("view: --web writes no file: leave out --screenshot")
+        if screenshot.suffix.lower() != ".png":
+            raise VfoaError(f"--screenshot: {screenshot}: expected a file .png")
         inputs = [folder, *RunDirectory(folder).inputs]
         check_new(screenshot, replace=replace, hint=", or another --screenshot", inputs=inputs)
     if compare is None:
@@ -349,7 +351,8 @@ def export_failure(
         f"{recorded.files.clip}, {layers.configuration}" for recorded in (first, *others) for layers in recorded.layers
     ]
     if len(pairs) > 1:
-        raise VfoaError(f"{run}: expected one recording, found {'; '.join(pairs)}: choose with --clip and --config")
+        found = f"{len(pairs)}, of {listed([f'({pair})' for pair in pairs], most=4)}"
+        raise VfoaError(f"{run}: expected one recording, found {found}: choose with --clip and --config")
     recording = first.compose()
     excerpt = out or Path(f"{recording.name}__{frame}.rrd")
     check_new(excerpt, replace=replace or out is None, hint=", or another --out", inputs=recording.files)

@@ -19,9 +19,8 @@ def fit_tables(fitted: FittedWeights) -> list[Table]:
             "error. Balanced: mean of the rates on targets and on nowhere. forward: with earlier frames; both: with "
             "later ones, too.",
         ]
-        tables.append(
-            _table(f"{record.labelled_s:g} s of {record.people} people, left out in turn", record.held_out, notes)
-        )
+        people = "1 person" if record.people == 1 else f"{record.people} people"
+        tables.append(_table(f"{record.labelled_s:g} s of {people}, left out in turn", record.held_out, notes))
     if record.curve:
         notes = ["The forward fit with so many labelled seconds, spread over the people; all of them: the table above."]
         tables.append(_table("What more labels would give", record.curve, notes))
