@@ -10,9 +10,9 @@ A body is a topic, or a coordinate frame of /tf. Its pose turns its own axes int
 header; /tf and /tf_static bring these into one frame, which is right-handed with z up (REP 103).
 
 Messages of bodies have their own times and rates. A frame begins with the first message that is in no frame yet, and
-lasts half the step (median) of the body with the shortest one. Of each body it has the message nearest to its
-beginning; a body is lost in a frame if that is more than three quarters of the body's own step away. A pose that was
-sent once, or on /tf_static, holds in all frames.
+lasts until a body in it is sent again, at most the step (median) of the body with the shortest one. It has the message
+of each body that is nearest to its beginning; a body is lost in a frame if that is more than one and a half of the
+body's own steps away. A pose that was sent once, or on /tf_static, holds in all frames.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from vfoa.types import Float
 
 Times = NDArray[np.int64]
 
-_FARTHEST_STEPS = 0.75
+_FARTHEST_STEPS = 1.5
 _NAMELESS = frozenset({"pose", "poses", "pose_stamped", "transform", "transform_stamped", "tf"})
 """Last parts of topics that say what is sent, not of which body."""
 
@@ -349,10 +349,12 @@ def _frame_times(trajectories: Sequence[_Trajectory]) -> Times:
     moving = [trajectory for trajectory in trajectories if trajectory.is_moving]
     if not moving:
         return np.array([max(max(trajectory.stamps_ns) for trajectory in trajectories)], dtype=np.int64)
-    stamps_ns = np.unique(np.concatenate([trajectory.in_order[0] for trajectory in moving]))
-    half_ns = int(min(trajectory.step_ns for trajectory in moving)) // 2
-    begins: list[int] = []
-    for stamp_ns in stamps_ns.tolist():
-        if not begins or stamp_ns > begins[-1] + half_ns:
+    step_ns = min(trajectory.step_ns for trajectory in moving)
+    sent = sorted((stamp_ns, body) for body, each in enumerate(moving) for stamp_ns in each.in_order[0].tolist())
+    begins, bodies = list[int](), set[int]()
+    for stamp_ns, body in sent:
+        if not begins or body in bodies or stamp_ns - begins[-1] > step_ns:
             begins.append(stamp_ns)
+            bodies.clear()
+        bodies.add(body)
     return np.array(begins, dtype=np.int64)

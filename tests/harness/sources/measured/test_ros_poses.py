@@ -130,13 +130,33 @@ def test_bodies_have_their_own_rates_and_times(tmp_path: Path) -> None:
     for number in clip.frames:
         scene, time_s = clip.scene(number), (clip.time_ns(number) - START_NS) / 1e9
         at_eyes, at_cup, at_table = eyes(scene), center(scene, "cup"), center(scene, "table")
-        assert (at_eyes is None) == (0.4 < time_s < 0.49)
-        assert at_eyes is None or at_eyes[0] == pytest.approx(time_s, abs=1e-6)
+        assert (at_eyes is None) == (0.41 < time_s < 0.49)  # 0.403 s is within 15 ms of 0.39 s
+        assert at_eyes is None or at_eyes[0] == pytest.approx(time_s, abs=0.0131)
         seen += at_cup is not None
         assert at_cup is None or at_cup[0] == pytest.approx(time_s, abs=0.03)
         np.testing.assert_allclose(at_table, left_from_ros([2, 0, 0.7]), atol=1e-9)
     assert seen >= 92
-    assert clip.notes[:2] == ("table: sent once: taken to be at rest", "anna: not tracked in 3 of 93 frames")
+    assert clip.notes[:2] == ("table: sent once: taken to be at rest", "anna: not tracked in 2 of 93 frames")
+
+
+def test_trackers_of_their_own_share_frames_at_their_rate(tmp_path: Path) -> None:
+    """Of 100 Hz each, started 4 and 7 ms apart, and sent over a network: 1 ms is the standard deviation."""
+    noise_ms = np.random.default_rng(0).normal(size=(100, 3))
+
+    def fill(write: Messages) -> None:
+        for step in range(100):
+            for name, after_ms in zip(("anna", "cup", "lamp"), [0, 4, 7] + noise_ms[step], strict=True):
+                time_s = step / 100 + after_ms / 1000
+                vrpn(write, name, START_NS + round(1e9 * time_s), [time_s, 0, 1])
+
+    clip = opened(record(tmp_path, fill))
+    assert 98 <= len(clip.frames) <= 105
+    assert not any("not tracked" in note for note in clip.notes)
+    for number in clip.frames:
+        scene, time_s = clip.scene(number), (clip.time_ns(number) - START_NS) / 1e9
+        for place in (eyes(scene), center(scene, "cup"), center(scene, "lamp")):
+            assert place is not None
+            assert place[0] == pytest.approx(time_s, abs=0.011)
 
 
 def test_messages_that_arrive_late_are_of_one_frame(tmp_path: Path) -> None:
