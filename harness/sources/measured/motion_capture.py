@@ -231,13 +231,18 @@ def poses_in(cells: Float, unit_m: float, where: Callable[[int], str]) -> Poses:
     return Poses(rotations=rotations, places_m=places_m)
 
 
-def _worn(settings: MotionCaptureSettings, take: Take, path: Path) -> dict[str, str]:
-    """The body that each person wears, by the person's name."""
+def check_heads(settings: MotionCaptureSettings, bodies: Collection[str], where: str) -> None:
+    """Raise a :class:`VfoaError` that names the bodies if nobody wears one."""
     if not settings.heads:
         raise VfoaError(
-            f"{path}: heads: found none; expected who wears which rigid body on the head, of: {listed([*take.poses])}; "
+            f"{where}: heads: found none; expected who wears which rigid body on the head, of: {listed([*bodies])}; "
             "say --set 'heads={anna={body=\"NAME\"}}'"
         )
+
+
+def _worn(settings: MotionCaptureSettings, take: Take, path: Path) -> dict[str, str]:
+    """The body that each person wears, by the person's name."""
+    check_heads(settings, take.poses, str(path))
     worn = {name: head.body or name for name, head in settings.heads.items()}
     for name, body in worn.items():
         check_known(body, take.poses.keys(), f"{path}: heads: no rigid body")

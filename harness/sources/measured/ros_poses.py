@@ -17,6 +17,7 @@ body's own steps away. A pose that was sent once, or on /tf_static, holds in all
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -30,7 +31,15 @@ from numpy.typing import NDArray
 from harness.files.digests import digest_files
 from harness.files.safe_names import check_name
 from harness.sources import Recognised
-from harness.sources.measured.motion_capture import MotionCaptureClip, MotionCaptureSettings, Poses, Take, Up, poses_in
+from harness.sources.measured.motion_capture import (
+    MotionCaptureClip,
+    MotionCaptureSettings,
+    Poses,
+    Take,
+    Up,
+    check_heads,
+    poses_in,
+)
 from harness.sources.recordings.clip import is_of_poses, notes_on_files, open_container
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import MessageType, fields_of, reading
@@ -41,6 +50,8 @@ from vfoa.types import Float
 Times = NDArray[np.int64]
 
 _FARTHEST_STEPS = 1.5
+_HEAD = re.compile("(?:face|gaze|head)_(?!(?:link|frame)$)(.+)")
+"""ROS4HRI's frames of a head, with its ID; ``head_link`` is a robot's."""
 _NAMELESS = frozenset({"pose", "poses", "pose_stamped", "transform", "transform_stamped", "tf"})
 """Last parts of topics that say what is sent, not of which body."""
 
@@ -75,7 +86,9 @@ class RosPosesClip(MotionCaptureClip):
 
     def _take(self, path: Path, settings: MotionCaptureSettings) -> Take:
         assert isinstance(settings, RosPosesSettings)
-        return self.read(path, settings.every, settings)
+        take = self.read(path, settings.every, settings)
+        check_heads(settings, take.poses, f"{path}: a recording without images")
+        return take
 
     @staticmethod
     def read(path: Path, every: int = 1, settings: RosPosesSettings | None = None) -> Take:
@@ -252,15 +265,21 @@ def _short(key: str) -> str:
 def _chosen(
     names: Mapping[str, str], trajectories: Mapping[str, _Trajectory], settings: RosPosesSettings, path: Path
 ) -> dict[str, str]:
-    """The trajectories of the bodies that are read, by name."""
+    """The trajectories of the bodies that are read, by name.
+
+    Frames of ROS4HRI with the ID of a head (``body_ID``, ``torso_ID``) are parts of that person, and no bodies if they
+    are not named.
+    """
+    worn = [head.body or name for name, head in settings.heads.items()]
     if settings.bodies is None:
         topics = [name for name, key in names.items() if key.startswith("/")]
-        bodies = topics or [name for name, key in names.items() if trajectories[key].is_moving] or [*names]
+        moving = [name for name, key in names.items() if trajectories[key].is_moving]
+        parts = tuple(f"_{head[1]}" for name in worn if (head := _HEAD.fullmatch(name)))
+        bodies = topics or [name for name in moving or names if not name.endswith(parts)]
     else:
         bodies = [*settings.bodies]
         for name in bodies:
             check_known(name, names, f"{path}: bodies: no rigid body")
-    worn = [head.body or name for name, head in settings.heads.items()]
     for name in worn:
         check_known(name, names, f"{path}: heads: no rigid body")
     return {name: names[name] for name in dict.fromkeys([*bodies, *worn])}

@@ -217,8 +217,13 @@ def test_another_frame_can_be_that_of_the_clip(tmp_path: Path) -> None:
 
 
 def test_frames_that_move_are_the_bodies_unless_they_are_named(tmp_path: Path) -> None:
-    clip = opened(record(tmp_path, humans), heads={"anna": {**FACE, "body": "face_ab"}})
-    assert [*clip.objects] == ["base_link", "gaze_ab"]
+    """The gaze has the ID of the face that is a head: it is a part of that person."""
+    path = record(tmp_path, humans)
+    heads = {"anna": {**FACE, "body": "face_ab"}}
+    assert [*opened(path, heads=heads).objects] == ["base_link"]
+    assert [*opened(path, heads=heads, bodies=["gaze_ab", "cup"]).objects] == ["gaze_ab", "cup"]
+    robot = opened(path, heads={"robot": {**FACE, "body": "base_link"}})
+    assert [*robot.objects] == ["face_ab", "gaze_ab"]
 
 
 def test_bodies_of_one_name_have_their_full_names(tmp_path: Path) -> None:
@@ -343,7 +348,11 @@ def _transform(parent: str, child: str) -> Callable[[Messages], None]:
         ([], {"frame": "wrold"}, "frame: no coordinate frame 'wrold'; did you mean 'world'?"),
         ([], {"bodies": ["ana"]}, "bodies: no rigid body 'ana'; did you mean 'anna'?"),
         ([], {"heads": {"ben": {}}}, "heads: no rigid body 'ben'; expected one of: anna"),
-        ([], {"heads": {}}, "heads: found none; expected who wears which rigid body on the head, of: anna;"),
+        (
+            [],
+            {"heads": {}},
+            "a recording without images: heads: found none; expected who wears which rigid body",
+        ),
         ([_pose("/=a/pose", "world")], {}, "/=a/pose: found the name '=a'; expected text that"),
     ],
 )
