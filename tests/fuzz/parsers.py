@@ -171,7 +171,8 @@ PARSERS: Sequence[Parser] = (
     Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),
     Parser("journal of labels", "journal.jsonl", states.write_journal, states.open_labels),
     # Runs and the cache
-    Parser("answers", "mine.parquet", states.write_table, states.read_run),
+    # its scene may be one of which there are no tables
+    Parser("answers", "mine.parquet", states.write_table, states.read_run, names_file=False),
     Parser("instances", "instances.parquet", states.write_table, states.read_run),
     Parser("run manifest", "manifest.json", states.write_run_manifest, states.open_run, names_file=False),
     Parser("thumbnails", "clip__one.jsonl", states.write_thumbnails, states.open_thumbnails),

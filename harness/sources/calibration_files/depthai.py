@@ -72,7 +72,7 @@ def _socket(named: Any, side: str, usual: int, cameras: Mapping[int, Document], 
     """The socket of a side: that of the file, or the usual one where it names none (-1)."""
     found = named.get(f"{side}CameraSocket", -1) if isinstance(named, Mapping) else -1
     number = usual if found == -1 else found
-    if number not in cameras:
+    if not isinstance(number, int) or number not in cameras:
         raise VfoaError(f"{where}: no {side} camera (socket {number}); found {', '.join(map(str, cameras)) or 'none'}")
     return int(number)
 

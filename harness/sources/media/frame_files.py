@@ -117,14 +117,14 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
     """
     names = sorted(names)
     runs = {name: _DIGITS.findall(os.path.splitext(name)[0]) for name in names}
-    if twice := next((name for name, other in pairwise(names) if name == other), None):
-        raise VfoaError(f"{where}: {twice!r} occurs twice; expected one image of each name")
+    if twice := [name for name, other in pairwise(names) if name == other]:
+        raise VfoaError(f"{where}: {twice[0]!r} occurs twice; expected one image of each name")
     if len(names) == 1:
         return _unique([(int((runs[names[0]] or [0])[-1]), names[0])], where)
     first = names[0]
-    if odd := next((name for name in names if len(runs[name]) != len(runs[first]) or not runs[name]), None):
+    if odd := [name for name in names if len(runs[name]) != len(runs[first]) or not runs[name]]:
         raise VfoaError(
-            f"{where}: {first!r} and {odd!r} do not share one numbering; "
+            f"{where}: {first!r} and {odd[0]!r} do not share one numbering; "
             "expected names that differ in a frame number, or a pattern with %d for it"
         )
     columns = list(zip(*runs.values(), strict=True))

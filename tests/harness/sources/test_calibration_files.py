@@ -554,6 +554,7 @@ def _depthai(root: Path, change: Callable[[Any], object]) -> list[Path]:
     [
         (lambda found: found.update(cameraData=[3]), "cameraData: expected pairs"),
         (lambda found: found["stereoRectificationData"].update(leftCameraSocket=7), r"left camera \(socket 7\)"),
+        (lambda found: found["stereoRectificationData"].update(leftCameraSocket=[]), r"left camera \(socket \[\]\)"),
         (lambda found: found["cameraData"][1][1].pop("width"), "camera 1: no width"),
         (lambda found: found["cameraData"][2][1].update(intrinsicMatrix=[1, 2]), "camera 2: intrinsicMatrix: found 2"),
         (lambda found: found["cameraData"][1][1]["extrinsics"].pop("translation"), "extrinsics: no translation"),

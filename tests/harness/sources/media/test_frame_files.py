@@ -37,6 +37,8 @@ def test_the_number_is_the_one_that_differs() -> None:
 def test_two_images_of_one_name_are_refused() -> None:
     with pytest.raises(VfoaError, match=r"left: 'a1\.png' occurs twice"):
         number_names(["a1.png", "a2.png", "a1.png"], "left")
+    with pytest.raises(VfoaError, match="left: '' and '' do not share"):  # of a list of images, such as COCO's
+        number_names(["", "1.png"], "left")
 
 
 def test_a_single_file_without_a_number_is_frame_0(tmp_path: Path) -> None:
