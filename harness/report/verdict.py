@@ -216,12 +216,13 @@ def _seen_from(name: str, comparison: Comparison) -> Comparison:
 def next_steps(scores: Scores, configurations: Collection[str]) -> list[str]:
     """A sentence for each of the most frequent error types: its number of wrong frames, its meaning, and what to try.
 
-    Empty if nothing is wrong under these configurations. Frames of several configurations count each.
+    Empty if nothing is wrong under these configurations. Frames of several configurations count each. They are notes of
+    tables, which are the same with recordings and without.
     """
     counts = _error_types(scores, configurations)
     return [
         f"{count} of {counts.total()} wrong frames: {name} ({ERROR_TYPES[name]}). Next: "
-        f"{'; '.join(advice(name, scores.settings.values(), recorded=scores.is_recorded))}."
+        f"{'; '.join(advice(name, scores.settings.values()))}."
         for name, count in counts.most_common(_MOST_STEPS)
     ]
 
