@@ -286,5 +286,5 @@ def demo(
     limit: Limit = None,
     verbose: Verbose = False,
 ) -> None:
-    """Run the paper's table on rendered clips: {BM, SGBM} x {one cone, two}. Downloads nothing."""
+    """Run the paper's table on rendered clips: {BM, SGBM} x {one cone, two, nearest object}. Downloads nothing."""
     run(context, ["demo"], out=out, workers=workers, limit=limit, verbose=verbose)

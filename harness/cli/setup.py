@@ -51,7 +51,7 @@ _LIBRARIES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One line: what was checked, its state, how to mend it (None: nothing to do), and whether a run needs it."""
+    """One line: what was checked, its state, what to do (None: nothing to do), and whether a run needs it."""
 
     what: str
     state: str
@@ -68,13 +68,13 @@ def doctor() -> None:
     findings = [*_packages(), *_weights(), *_surroundings()]
     needed = [finding.what for finding in (*findings, *folders) if finding.required and finding.fix]
     if needed:
-        say(f"vfoa: doctor: `vfoa run CLIP` cannot work yet, for want of: {', '.join(needed)}", err=True)
+        say(f"vfoa: doctor: `vfoa run CLIP` cannot work yet; not ready: {', '.join(needed)}", err=True)
     else:
         say("`vfoa run CLIP` can work here.")
     print_table(
-        ["check", "state", "to mend it"],
+        ["check", "state", "what to do"],
         [[finding.what, finding.state, finding.fix] for finding in findings],
-        wrapped=("state", "to mend it"),
+        wrapped=("state", "what to do"),
     )
     for finding in folders:  # lines of their own: a table would break their paths
         say(f"{finding.what}: {finding.state}{f'; {finding.fix}' if finding.fix else ''}")
