@@ -1,4 +1,4 @@
-"""The tutorial of a real person before a real rig, run as it is written, from OpenCV's genuine pictures."""
+"""The tutorial of a real person in front of a real rig, run as it is written, from OpenCV's genuine pictures."""
 
 from __future__ import annotations
 
