@@ -60,10 +60,10 @@ def view(
     if screenshot is not None:
         if web:
             raise VfoaError("view: --web writes no file: leave out --screenshot")
-        if screenshot.suffix.lower() != ".png":
-            raise VfoaError(f"--screenshot: {screenshot}: expected a file .png")
         inputs = [folder, *RunDirectory(folder).inputs]
         check_new(screenshot, replace=replace, hint=", or another --screenshot", inputs=inputs)
+        if screenshot.suffix.lower() != ".png":
+            raise VfoaError(f"--screenshot: {screenshot}: expected a file .png")
     if compare is None:
         recordings = find_recordings(folder, clip, config, subject)
     else:
