@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Overrides, ProviderName, Replace, clip_names, experiment_names
+from harness.cli.options import Overrides, ProviderName, Replace, bench_sections, clip_names, experiment_names
 
 ONLY_HELP = "Measure only this: stages, stereo, realtime, attention or gpu (several times for more)."
 
@@ -36,7 +36,9 @@ def bench(
     limit: Annotated[int, typer.Option(metavar="N", min=2, help="Number of frames to measure.")] = 20,
     provider: Annotated[ProviderName, typer.Option(help="Run the networks on this provider of ONNX Runtime.")] = "cpu",
     overrides: Overrides = None,
-    only: Annotated[list[str] | None, typer.Option(metavar="SECTION", help=ONLY_HELP)] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="SECTION", help=ONLY_HELP, autocompletion=bench_sections)
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write the tables to this Markdown file.")
     ] = None,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import Overrides, Replace, experiment_and_clip_names
+from harness.cli.options import Overrides, Replace, configuration_names, experiment_and_clip_names
 from harness.cli.terminal import exit_if_interrupted, say
 
 if TYPE_CHECKING:
@@ -31,7 +31,12 @@ def fit(
     ] = None,
     config: Annotated[
         str | None,
-        typer.Option("--config", metavar="NAME", help="The configuration to fit; the first logit, else the first one."),
+        typer.Option(
+            "--config",
+            metavar="CONFIGURATION",
+            help="The configuration to fit; the first logit, else the first one.",
+            autocompletion=configuration_names,
+        ),
     ] = None,
     first: Annotated[
         str | None,

@@ -13,6 +13,7 @@ from harness.cli.options import (
     Clip,
     Replace,
     RunConfiguration,
+    annotation_formats,
     clip_names,
     clip_names_and_run_directories,
     run_folder,
@@ -66,6 +67,7 @@ def import_(
             metavar="FORMAT",
             help="boris, coco, csv, cvat, datavyu, elan, idiap_vfoa, label_studio, observer, praat, table, via, or a "
             "package's. Default: as the file's name says (.boris, .eaf, .opf, .TextGrid).",
+            autocompletion=annotation_formats,
         ),
     ] = None,
     annotator: Annotator = None,
@@ -149,7 +151,12 @@ def export(
         Path | None, typer.Argument(metavar="[FILE]", help="File to write. Default for a run: RUN/labels/CLIP__CONFIG.")
     ] = None,
     *,
-    format_: Annotated[str, typer.Option("--format", metavar="FORMAT", help="elan, csv, or a package's.")],
+    format_: Annotated[
+        str,
+        typer.Option(
+            "--format", metavar="FORMAT", help="elan, csv, or a package's.", autocompletion=annotation_formats
+        ),
+    ],
     annotator: Annotator = None,
     clip: Annotated[
         str | None, typer.Option(metavar="CLIP", help="Of a run: only this clip.", autocompletion=clip_names)

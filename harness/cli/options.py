@@ -6,9 +6,12 @@ import os
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+
+if TYPE_CHECKING:
+    from harness.run.manifest import RunManifest
 
 
 def clip_names(incomplete: str) -> list[str]:
@@ -82,16 +85,54 @@ def run_directories(incomplete: str) -> list[str]:
 
 
 def configuration_names(context: typer.Context, incomplete: str) -> list[str]:
-    """The configurations of the run that the command names."""
+    """The configurations of the run that the command names, or of the experiment."""
+    from harness.run.experiment import load_experiment
+    from vfoa.errors import VfoaError
+
+    if manifest := _named_manifest(context):
+        return _matching(manifest.configurations, incomplete)
+    try:
+        configurations = load_experiment(_named(context)).configurations
+    except (VfoaError, OSError):
+        return []
+    return _matching((configuration.name for configuration in configurations), incomplete)
+
+
+def recorded_clip_names(context: typer.Context, incomplete: str) -> list[str]:
+    """The clips of the run that the command names."""
+    manifest = _named_manifest(context)
+    return _matching((clip.name for clip in manifest.clips), incomplete) if manifest else []
+
+
+def bench_sections(incomplete: str) -> list[str]:
+    """Sections of `vfoa bench`."""
+    from harness.bench import SECTIONS
+
+    return _matching(SECTIONS, incomplete)
+
+
+def annotation_formats(incomplete: str) -> list[str]:
+    """Formats of annotations by name."""
+    from harness.labels.formats import FORMATS
+
+    return _matching(FORMATS.names(), incomplete)
+
+
+def _named_manifest(context: typer.Context) -> RunManifest | None:
+    """The manifest of the run that the command names; None if it names none."""
     from harness.run.directory import RunDirectory
     from vfoa.errors import VfoaError
 
-    # the parser stops at an option without a value, and leaves the arguments before it
-    place = context.params.get("run") or next(iter(context.args), None)
     try:
-        return _matching(RunDirectory(Path(str(place))).read_manifest().configurations, incomplete)
+        return RunDirectory(Path(_named(context))).read_manifest()
     except (VfoaError, OSError):
-        return []
+        return None
+
+
+def _named(context: typer.Context) -> str:
+    """The first argument of a command; the parser stops at an option without a value, and leaves those before it."""
+    params = context.params
+    return str(params.get("run") or params.get("what") or next(iter(context.args), ""))
 
 
 def _matching(names: Iterable[str], incomplete: str) -> list[str]:
@@ -119,7 +160,8 @@ Clip = Annotated[
     str, typer.Argument(metavar="CLIP", help="Clip by name, or its .toml file.", autocompletion=clip_names)
 ]
 OneClip = Annotated[
-    str | None, typer.Option("--clip", metavar="CLIP", help="Only recordings of this clip.", autocompletion=clip_names)
+    str | None,
+    typer.Option("--clip", metavar="CLIP", help="Only recordings of this clip.", autocompletion=recorded_clip_names),
 ]
 _chosen = partial(typer.Option, "--config", metavar="CONFIGURATION", autocompletion=configuration_names)
 OneConfiguration = Annotated[str | None, _chosen(help="Only recordings under this configuration.")]

@@ -13,7 +13,7 @@ from pydantic import create_model
 
 import vfoa as package
 from harness.cli import commands
-from harness.cli.options import configuration_names, experiment_and_clip_names
+from harness.cli.options import configuration_names, experiment_and_clip_names, recorded_clip_names
 from harness.pipeline.configuration import STEPS, TABLES
 from harness.pipeline.settings_reference import setting_keys, settings_tables
 from harness.run.experiment import load_experiment
@@ -85,6 +85,9 @@ def test_the_version_is_printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
         ("vfoa bench dem", "demo"),
         ("vfoa labels import looks.csv --clip studio_t", "studio_table"),
         ("vfoa models fetch yun", "yunet"),
+        ("vfoa fit demo --config b", "bm-two"),
+        ("vfoa bench --only att", "attention"),
+        ("vfoa labels import looks.csv --format el", "elan"),
     ],
 )
 def test_a_shell_completes_a_line(
@@ -106,8 +109,8 @@ def _parameters(command: Any, name: str = "vfoa") -> Iterator[tuple[str, Any]]:
 
 
 def test_a_shell_completes_every_name_that_vfoa_knows() -> None:
-    """What the help calls a clip, a run, an experiment, a configuration of a run, or a model."""
-    known = {"CLIP", "RUN", "EXPERIMENT", "CONFIGURATION", "MODEL"}
+    """x."""
+    known = {"CLIP", "RUN", "EXPERIMENT", "CONFIGURATION", "MODEL", "FORMAT", "SECTION"}
     named = {
         words: parameter
         for words, parameter in _parameters(commands())
@@ -117,11 +120,14 @@ def test_a_shell_completes_every_name_that_vfoa_knows() -> None:
     assert [words for words, parameter in named.items() if parameter._custom_shell_complete is None] == []
 
 
-def test_configurations_are_those_of_the_named_run(tmp_path: Path) -> None:
-    context = SimpleNamespace(params={"run": tmp_path})
-    assert configuration_names(context, "") == []
-    (tmp_path / "manifest.json").write_text('{"configurations": {"bm": {}, "sgbm": {}}}', encoding="utf-8")
+def test_configurations_and_clips_are_those_of_the_named_run(tmp_path: Path) -> None:
+    context = SimpleNamespace(params={"run": tmp_path}, args=[])
+    assert configuration_names(context, "") == recorded_clip_names(context, "") == []
+    clips = '[{"name": "talk", "frames": [1]}, {"name": "table", "frames": [1]}]'
+    manifest = f'{{"configurations": {{"bm": {{}}, "sgbm": {{}}}}, "clips": {clips}}}'
+    (tmp_path / "manifest.json").write_text(manifest, encoding="utf-8")
     assert configuration_names(context, "s") == ["sgbm"]
+    assert recorded_clip_names(context, "t") == ["table", "talk"]
 
 
 def test_completion_offers_every_name() -> None:
