@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -186,7 +187,7 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
 
     changes = changed_methods(overrides)
     scores, left_out = {}, []
-    notices: list[str] = []
+    notices = deque[str](maxlen=1)
     with exit_if_interrupted(notices):
         for name in MATERIALS:
             try:
@@ -194,6 +195,7 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
                 _, directory = run_whole(
                     experiment, out / name, bar=frames_bar, tell=notices.append, next_free=False, **options
                 )
+                notices.append(f"interrupted: finished materials are kept in {out}; the same command continues")
                 scores[name] = rescore(directory)
                 left_out += [f"{name}: {each}" for each in missing]
             except VfoaError as error:

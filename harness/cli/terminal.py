@@ -288,7 +288,7 @@ def signals_as_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def exit_if_interrupted(notices: list[str]) -> Iterator[None]:
+def exit_if_interrupted(notices: Collection[str]) -> Iterator[None]:
     """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and print what is kept and how to continue."""
     try:
         with signals_as_ctrl_c():

@@ -45,6 +45,23 @@ def _run(*options: str) -> str:
     return CliRunner().invoke(app, ["run", "benchmark", "--workers", "1", *options], catch_exceptions=False).stdout
 
 
+def test_one_that_is_interrupted_between_two_materials_says_what_is_kept(
+    talk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made(name: str, *changes: object) -> object:
+        if name == "second":
+            raise KeyboardInterrupt
+        return material_experiment(name, *changes)  # type: ignore[arg-type]
+
+    material_experiment = benchmark.material_experiment
+    monkeypatch.setattr(benchmark, "material_experiment", made)
+    ended = CliRunner().invoke(app, ["run", "benchmark", "--workers", "1", "--limit", "2"])
+    assert ended.exit_code == 130
+    (said,) = ended.stderr.splitlines()
+    assert str(Path("runs") / "benchmark") in said
+    assert (talk / "runs" / "benchmark" / "first" / "frr.csv").is_file()
+
+
 def _table(path: Path) -> list[dict[str, str]]:
     return [*csv.DictReader(io.StringIO(path.read_text(encoding="utf-8")))]
 
