@@ -165,7 +165,9 @@ def page_data(
 
 def _per_second(frames: Sequence[int], rate_hz: float | None) -> float | None:
     """How many numbers of frames a second has: the rate where they count, a billion where they are nanoseconds."""
-    return None if rate_hz is None else rate_hz * float(np.median(np.diff(frames))) if len(frames) > 1 else rate_hz
+    if rate_hz is None or len(frames) < 2:
+        return rate_hz
+    return rate_hz * float(np.median(np.diff(frames)))
 
 
 def _by_clip(subjects: Iterable[JudgedSubject]) -> dict[str, dict[str, BySubject]]:

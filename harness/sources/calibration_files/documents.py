@@ -407,8 +407,13 @@ def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:
     return matrix.reshape(shape)
 
 
+def _by_plain_name(document: Document) -> dict[str, Any]:
+    """The values by their names in lower case, without underscores."""
+    return {str(name).lower().replace("_", ""): value for name, value in document.items()}
+
+
 def _opencv_size(document: Document, matrices: Mapping[str, Float], where: str) -> tuple[int, int] | None:
-    plain = {str(name).lower().replace("_", ""): value for name, value in document.items()}
+    plain = _by_plain_name(document)
     pairs = [("imagewidth", "imageheight"), ("width", "height")]
     named = next((([plain[w], plain[h]]) for w, h in pairs if w in plain and h in plain), None)
     values = named or next((plain[name] for name in ("imagesize", "imgsize", "size") if name in plain), None)
@@ -422,7 +427,7 @@ def _opencv_size(document: Document, matrices: Mapping[str, Float], where: str) 
 
 def _says_fisheye(document: Document) -> bool:
     """Whether a value such as ``fisheye: true`` or ``camera_model: fisheye`` says so, which people add."""
-    plain = {str(name).lower().replace("_", ""): value for name, value in document.items()}
+    plain = _by_plain_name(document)
     models = [str(plain.get(name)) for name in ("model", "cameramodel", "distortionmodel")]
     return str(plain.get("fisheye")).lower() in ("true", "1") or any(
         MODELS.get(name) == "equidistant" for name in models

@@ -218,17 +218,22 @@ def test_two_videos_that_were_not_started_together(tmp_path: Path, offset: int) 
         write_video(tmp_path / f"{side}.mkv", [_flat(number) for number in range(first, first + count)])
     settings = {"layout": "videos", "left": "0.mkv", "right": "1.mkv", "right_offset": offset, "camera": CAMERA}
     clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+    _expect_views_of_one_time(clip, offset)
+    assert [*clip.films] == ["0.mkv"]
+    assert not any("in step" in note for note in clip.notes)
+    together = StereoFolderClip(StereoFolderSettings.model_validate({**settings, "right_offset": 0}), tmp_path)
+    assert clip.digest() != together.digest()
+    assert not np.array_equal(together.frame(3).left, together.frame(3).right)  # type: ignore[arg-type]
+
+
+def _expect_views_of_one_time(clip: StereoFolderClip, offset: int) -> None:
+    """Of ten left views at 25 Hz, and of nine right ones that begin so many frames earlier."""
     assert clip.frames == tuple(range(max(0, -offset), min(10, 9 - offset)))
     for number in clip.frames:
         frame = clip.frame(number)
         assert frame.right is not None
         assert np.array_equal(frame.left, frame.right)
         assert frame.time_ns == number * 40_000_000
-    assert [*clip.films] == ["0.mkv"]
-    assert not any("in step" in note for note in clip.notes)
-    together = StereoFolderClip(StereoFolderSettings.model_validate({**settings, "right_offset": 0}), tmp_path)
-    assert clip.digest() != together.digest()
-    assert not np.array_equal(together.frame(3).left, together.frame(3).right)  # type: ignore[arg-type]
 
 
 def _flat(number: int) -> np.ndarray:
@@ -242,12 +247,7 @@ def test_numbered_images_of_cameras_that_were_not_started_together(tmp_path: Pat
             write_image(tmp_path / f"{side}" / f"{number:04d}.png", _flat(first + number))
     settings = {"left": "0", "right": "1", "right_offset": offset, "rate_hz": 25, "camera": CAMERA}
     clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
-    assert clip.frames == tuple(range(max(0, -offset), min(10, 9 - offset)))
-    for number in clip.frames:
-        frame = clip.frame(number)
-        assert frame.right is not None
-        assert np.array_equal(frame.left, frame.right)
-        assert frame.time_ns == number * 40_000_000
+    _expect_views_of_one_time(clip, offset)
 
 
 @pytest.mark.parametrize(
