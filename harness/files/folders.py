@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import tempfile
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -30,6 +31,28 @@ _log = logging.getLogger(__name__)
 def cache_root() -> Path:
     """``$VFOA_CACHE``, or the cache folder of the platform. Raises as :func:`vfoa.weights.platform_cache`."""
     return Path(os.environ.get(VARIABLE) or platform_cache())
+
+
+UNWRITABLE: set[Path] = set()
+"""Cache folders that were reported as such, in this process or by the one that has started it."""
+
+
+def check_writable(root: Path) -> None:
+    """Report a cache folder in which nothing can be stored, as :func:`warn_not_stored` does."""
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=root):
+            pass
+    except OSError as error:
+        warn_not_stored(root, error)
+
+
+def warn_not_stored(root: Path, error: Exception) -> None:
+    """Log that nothing can be stored in a cache folder, unless it was reported before: the run goes on, slower."""
+    if root not in UNWRITABLE:
+        UNWRITABLE.add(root)
+        hint = f"set {VARIABLE} to a folder of your own"
+        _log.warning("%s: results are not stored, the next run computes them again: %s; %s", root, error, hint)
 
 
 def read_value(path: Path, kind: Any) -> Any | None:

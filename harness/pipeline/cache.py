@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.files.digests import code_of, file_digest
+from harness.files.folders import warn_not_stored
 from harness.files.parsing import differing_keys
 from harness.pipeline import cache_store
 from harness.pipeline.cache_store import Store, content_digest, decode, encode, warn_damaged
@@ -176,7 +177,7 @@ class StoredOutputs:
         return seconds, value
 
     def save(self, inputs: Sequence[object], seconds: float, value: object) -> None:
-        """Store an output. If the cache cannot be written, this is logged once and the run goes on, slower."""
+        """Store an output. What cannot be stored is logged once, and the run goes on, slower."""
         path = self._path(inputs)
         self._tally.computed.add(path.name)
         if not self._is_writable:
@@ -184,7 +185,10 @@ class StoredOutputs:
         try:
             self._store.describe(self._identity.slot, self._identity.digest, dict(self._identity.parts))
             self._store.save(path, encode((self._label(path), seconds, value)))
-        except (OSError, TypeError, VfoaError) as error:
+        except (OSError, VfoaError) as error:
+            self._is_writable = False
+            warn_not_stored(self._store.root, error)
+        except TypeError as error:
             self._is_writable = False
             _log.warning("%s: results of %s are not stored: %s", path.parent, self._identity.parts["stage"], error)
 

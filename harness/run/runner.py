@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from harness.files.digests import KNOWN, used_digests
-from harness.files.folders import read_value, write_value
+from harness.files.folders import check_writable, read_value, write_value
 from harness.pipeline.cache import cache_lines
 from harness.pipeline.cache_store import Store
 from harness.run.directory import RunDirectory, locked, missing_of, new_run_id, removed_if_refused
@@ -96,6 +96,8 @@ def run_plan(
         of_run = identity.model_copy(update={"run_id": earlier.run_id or new_run_id()})
         directory.write_manifest(of_run)
         write_value(directory.noted_inputs, inputs)
+        if cache:
+            check_writable(cache.root)
         modules, shared_file = plan.deciding_modules, directory.manifest
         try:
             with executor(workers, scheduler, threads=threads, modules=modules, shared_file=shared_file) as chosen:

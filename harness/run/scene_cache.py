@@ -10,7 +10,6 @@ to the scene that they were measured with.
 
 from __future__ import annotations
 
-import logging
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from harness.files.digests import digest_files
+from harness.files.folders import warn_not_stored
 from harness.pipeline.cache_store import Store
 from harness.run.directory import RunDirectory
 from harness.run.frame_sink import ClipContext, PictureSinkFactory
@@ -28,7 +28,6 @@ from vfoa.errors import VfoaError
 _TIMES = "times.csv"
 _OF_IMAGES = ("clip", "clip sha256", "clip code", "versions", "frames")
 """The entries of a scene's identity that decide the images."""
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +70,7 @@ class SceneCache:
                 if not (path := self._of_pictures(sink)).exists() and sink.is_whole(context):
                     self._pack(path, _files(sink.folder(context)), "files", self._images())
         except (OSError, VfoaError) as error:
-            _log.warning("%s: scenes of %s are not stored: %s", self.store.stages, self.clip, error)
+            warn_not_stored(self.store.root, error)
 
     def _fetch(self, name: str, keys: Keys) -> bool:
         """Copy the scene and the directions of a configuration, and the times of its stages: all, or none."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
-import os
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -15,9 +14,9 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
+from harness.files.folders import cache_root, warn_not_stored
 from harness.files.io import atomic_write
 from vfoa.types import Image, Map
-from vfoa.weights import platform_cache
 
 _log = logging.getLogger(__name__)
 _DIGEST_BYTES = 32
@@ -26,8 +25,7 @@ _Read = TypeVar("_Read")
 
 def cache_folder(key: str) -> Path:
     """The folder of one clip's frames: under ``VFOA_CACHE``, else the user's cache folder."""
-    root = os.environ.get("VFOA_CACHE") or platform_cache()
-    return Path(root) / "studio" / key
+    return cache_root() / "studio" / key
 
 
 def load_pair(path: Path, shape: tuple[int, int]) -> tuple[Image, Image] | None:
@@ -68,7 +66,7 @@ def _save(path: Path, content: bytes) -> None:
     try:
         atomic_write(path, hashlib.sha256(content).digest() + content)
     except OSError as error:
-        _log.warning("%s: rendered frames are not stored: %s", path.parent, error)
+        warn_not_stored(cache_root(), error)
 
 
 def _packed(content: bytes) -> bytes:

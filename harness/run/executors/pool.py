@@ -23,6 +23,7 @@ from types import ModuleType
 from typing import Any, Self
 
 from harness.files.digests import IMPORTED
+from harness.files.folders import UNWRITABLE
 from harness.processes import keep_working_directory_out
 from harness.run.executors import (
     ATTEMPTS,
@@ -182,7 +183,7 @@ class Pool:
         if self._processes is None:
             self._started = wanted
             # compressed: what does not fit into a pipe, 64 kB, is awaited forever from a process that dies at its start
-            given = self._listener.sender, self._ending, zlib.compress(pickle.dumps(IMPORTED))
+            given = self._listener.sender, self._ending, zlib.compress(pickle.dumps((IMPORTED, UNWRITABLE)))
             self._processes = ProcessPoolExecutor(wanted, mp_context=self._context, initializer=_begin, initargs=given)
         return self._processes, self._listener
 
@@ -273,11 +274,13 @@ class _Listener:
         self.sender.close()
 
 
-def _begin(pipe: Connection, stop: c_bool, imported: bytes) -> None:
-    """Begin a worker. ``imported`` is what the parent's :data:`IMPORTED` has: code is parsed once for all workers."""
+def _begin(pipe: Connection, stop: c_bool, known: bytes) -> None:
+    """Begin a worker. ``known`` is what the parent's :data:`IMPORTED` and :data:`UNWRITABLE` have, for all workers."""
     global _sender, _stop
     _sender, _stop = pipe, stop
-    IMPORTED.update(pickle.loads(zlib.decompress(imported)))
+    imported, unwritable = pickle.loads(zlib.decompress(known))
+    IMPORTED.update(imported)
+    UNWRITABLE.update(unwritable)
     for number in (signal.SIGINT, signal.SIGHUP):  # a terminal sends them to all processes; the parent decides
         signal.signal(number, signal.SIG_IGN)
     compute_with(1)

@@ -92,6 +92,19 @@ def test_workers_share_a_clip_and_change_nothing(experiment: Path, alone: RunDir
     ]
 
 
+def test_a_cache_that_cannot_be_written_is_said_once_by_all_workers_together(
+    experiment: Path,
+    alone: RunDirectory,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "cache").write_text("")
+    assert _same(_run(experiment, tmp_path, 2), alone)
+    assert [record.message.partition(":")[0] for record in caplog.records] == [str(tmp_path / "cache")]
+    assert capfd.readouterr().err == ""  # what workers log
+
+
 @pytest.mark.parametrize("cached", [False, True])
 def test_threads_that_read_and_perceive_ahead_change_nothing(
     cached: bool, experiment: Path, alone: RunDirectory, tmp_path: Path
