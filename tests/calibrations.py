@@ -112,6 +112,38 @@ def write_ros(folder: Path, rig: Rig) -> list[Path]:
     ]
 
 
+def write_ros_echo(folder: Path, rig: Rig, *, is_ros_2: bool) -> list[Path]:
+    """The messages that ``rostopic echo -n1`` and ``ros2 topic echo --once`` print."""
+    return [
+        write_text(path, _echoed(yaml.safe_load(path.read_text(encoding="utf-8")), is_ros_2=is_ros_2))
+        for path in write_ros(folder, rig)
+    ]
+
+
+def _echoed(camera: dict[str, Any], *, is_ros_2: bool) -> str:
+    """The message of a file of ROS; ROS 2 writes a line for each number."""
+    stamp = {"sec": 1, "nanosec": 2} if is_ros_2 else {"secs": 1, "nsecs": 2}
+    message = {
+        "header": {"stamp": stamp, "frame_id": camera["camera_name"]},
+        "height": camera["image_height"],
+        "width": camera["image_width"],
+        "distortion_model": camera["distortion_model"],
+        **{
+            short.lower() if is_ros_2 else short: camera[name]["data"]
+            for short, name in (
+                ("D", "distortion_coefficients"),
+                ("K", "camera_matrix"),
+                ("R", "rectification_matrix"),
+                ("P", "projection_matrix"),
+            )
+        },
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
+    }
+    return yaml.safe_dump(message, default_flow_style=False if is_ros_2 else None, sort_keys=False) + "---\n"
+
+
 def write_kalibr(path: Path, rig: Rig) -> Path:
     """cam0 is the left one: T_cn_cnm1 of cam1 takes points of cam0 to cam1."""
     names = {"plumb_bob": "radtan", "equidistant": "equidistant"}

@@ -250,6 +250,7 @@ PARSERS: Sequence[Parser] = (
         states.cameras_beside("extrinsics.yml", whole.opencv("R", "T")),
     ),
     Parser("ROS calibration", "left.yaml", whole.ros(0), states.cameras_beside("right.yaml", whole.ros(1))),
+    Parser("ROS message", "left.yaml", whole.ros_echo(0), states.cameras_beside("right.yaml", whole.ros_echo(1))),
     Parser("EuRoC calibration", "cam0.yaml", whole.euroc(0), states.cameras_beside("cam1.yaml", whole.euroc(1))),
     Parser("Kalibr calibration", "camchain.yaml", lambda path: calibrations.write_kalibr(path, whole.RIG), _cameras),
     Parser("ORB-SLAM2 calibration", "mine.yaml", lambda path: calibrations.write_orb_slam_2(path, whole.RIG), _cameras),

@@ -233,6 +233,12 @@ def ros(side: int) -> Write:
     return lambda path: path.write_bytes(calibrations.write_ros(path.parent / "ros", RIG)[side].read_bytes())
 
 
+def ros_echo(side: int) -> Write:
+    return lambda path: path.write_bytes(
+        calibrations.write_ros_echo(path.parent / "ros", RIG, is_ros_2=True)[side].read_bytes()
+    )
+
+
 def euroc(side: int) -> Write:
     pose = np.eye(4)
     pose[0, 3] = 0.12 * side

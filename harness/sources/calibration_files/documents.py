@@ -40,6 +40,8 @@ Document = Mapping[str, Any]
 
 _OPENCV_HEAD = re.compile(rb"\A(?:[ \t]*(?:#[^\n]*)?\r?\n)*%YAML:[^\n]*")
 """OpenCV writes "%YAML:1.0", which is not a valid YAML directive."""
+_ECHO_END = re.compile(rb"(?<=\n)---[ \r\n]*\Z")
+"""The line with which ``rostopic echo`` ends a message."""
 _NO_BLANK = re.compile(rb"^([ \t]*[A-Za-z_][\w.]*):(?=[-+.\d\[\"])", re.MULTILINE)
 """A key whose value follows without a blank, which OpenCV reads, and YAML does not."""
 
@@ -66,14 +68,14 @@ def read_document(path: Path) -> dict[str, Any]:
             document = parse_yaml(_as_yaml(data), path, _Loader)
     if not isinstance(document, dict):
         raise VfoaError(f"{path}: not a table of names; expected the calibration of OpenCV, ROS or Kalibr")
-    return document
+    return _of_echoed_message(document, path)
 
 
 def _as_yaml(data: bytes) -> bytes:
     """The text of a file, as YAML has it if OpenCV or people for OpenCV wrote it; lines stay where they are."""
     head = _OPENCV_HEAD.match(data)
     if head is None:
-        return data
+        return data[: -len(end[0])] if (end := _ECHO_END.search(data[-8:])) else data
     return b"\n" * head[0].count(b"\n") + _NO_BLANK.sub(rb"\1: ", data[head.end() :])
 
 
@@ -152,6 +154,37 @@ _ROS_NAMES = (
     *("camera_matrix", "distortion_coefficients", "rectification_matrix", "projection_matrix"),
     *("image_width", "image_height"),
 )
+
+
+_MESSAGE_NAMES = dict(zip((*"KDRP", "width", "height"), _ROS_NAMES, strict=True))
+
+
+def _of_echoed_message(document: dict[str, Any], path: Path) -> dict[str, Any]:
+    """The CameraInfo that ``rostopic echo`` (K, D, R, P) or ``ros2 topic echo`` (k, d, r, p) prints, as a file's names.
+
+    Other documents are returned as they are.
+    """
+    message = {str(name).upper() if str(name) in "kdrp" else name: value for name, value in document.items()}
+    if not message.keys() >= {*_MESSAGE_NAMES, "distortion_model"}:
+        return document
+    region = roi if isinstance(roi := message.get("roi"), Mapping) else {}
+
+    def whole(table: Mapping[str, Any], *names: str) -> tuple[int, ...]:
+        return tuple(int(numbers(table.get(name, 0), f"{path}: {name}", 1)[0]) for name in names)
+
+    check_whole_sensor(
+        whole(message, "binning_x", "binning_y"), whole(region, "x_offset", "y_offset"), f"{path}: camera_info"
+    )
+    return message | {name: message[short] for short, name in _MESSAGE_NAMES.items()}
+
+
+def check_whole_sensor(binning: tuple[int, ...], offset_px: tuple[int, ...], where: str) -> None:
+    """Raise a :class:`VfoaError` if a CameraInfo is of a part of the sensor, or of pixels that were merged."""
+    if max(binning) > 1 or any(offset_px):
+        raise VfoaError(
+            f"{where}: binning {binning}, region of interest from {offset_px}; "
+            "expected the whole image, or calibration = (a file) in [source]"
+        )
 
 
 def ros_camera(document: Document, where: str) -> RawCamera:
@@ -299,8 +332,8 @@ _OF_A_CAMERA = {
     "P": ("p", "proj", "projmat", "projmatrix", "projection", "projectionmatrix"),
 }
 _OF_THE_PAIR = {
-    "R": ("r", "rot", "rotation", "rotationmatrix", "rotationofcamera2"),
-    "T": ("t", "trans", "translation", "translationvector", "translationofcamera2"),
+    "R": ("r", "rot", "rotation", "rotationmatrix", "rotationofcamera2", "stereorotation"),
+    "T": ("t", "trans", "translation", "translationvector", "translationofcamera2", "stereotranslation"),
 }
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")

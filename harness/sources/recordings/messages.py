@@ -15,7 +15,7 @@ from rosbags.interfaces.typing import Typesdict
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from harness.sources.calibration_files.documents import camera_of_ros
+from harness.sources.calibration_files.documents import camera_of_ros, check_whole_sensor
 from harness.sources.recordings import orbbec, zed
 from harness.sources.recordings.image_message import ImageMessage
 from harness.sources.rectification import RawCamera, motion_of
@@ -338,20 +338,11 @@ def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
             return orbbec.camera_of(data, where)
         field = fields_of(kind, data, where)
         if not _is_flat(kind):
-            _check_full_size(field, where)
+            roi, binning = field("roi"), (int(field("binning_x")), int(field("binning_y")))
+            check_whole_sensor(binning, (int(roi.x_offset), int(roi.y_offset)), where)
         size_px = int(field("width")), int(field("height"))
         values = {name: field(name.lower()) for name in "KDRP"}
         return camera_of_ros(str(field("distortion_model")), size_px, values, where)
-
-
-def _check_full_size(field: Callable[[str], Any], where: str) -> None:
-    """Check that a calibration is of the whole sensor: binning and regions of interest are not supported."""
-    roi, binning = field("roi"), (int(field("binning_x")), int(field("binning_y")))
-    if max(binning) > 1 or int(roi.x_offset) or int(roi.y_offset):
-        raise VfoaError(
-            f"{where}: binning {binning}, region of interest from ({roi.x_offset}, {roi.y_offset}); "
-            "expected the whole image, or calibration = (a file) in [source]"
-        )
 
 
 def _is_flat(kind: MessageType) -> bool:

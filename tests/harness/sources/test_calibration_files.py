@@ -29,6 +29,7 @@ from vfoa.types import Float
 
 SPELLED = {"K1": "cameraMatrix1", "D1": "distCoeffs1", "K2": "cameraMatrix2", "D2": "distCoeffs2", "R": "R", "T": "T"}
 SIDED = {"K1": "camera_matrix_left", "D1": "dist_left", "K2": "camera_matrix_right", "D2": "dist_right"}
+POSED = SIDED | {"R": "Stereo_Rotation", "T": "stereo_translation"}
 FISHEYE = replace(
     RIG, model="equidistant", d=(np.array([0.02, -0.01, 0.004, -0.001]), np.array([0.025, -0.008, 0.003, -0.002]))
 )
@@ -64,11 +65,14 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "opencv yaml": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG), SIZE)],
     "opencv xml": lambda root: [write_opencv(root / "c.xml", _renamed(opencv_nodes(RIG), SPELLED))],
     "opencv by sides": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), SIDED), SIZE)],
+    "opencv, a stereo pose": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), POSED), SIZE)],
     "opencv rectified": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | rectification(RIG), SIZE)],
     "opencv's sample": _sample,
     "rotation vector": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | {"R": RIG.rotation_vector})],
     "plain lists": _lists,
     "ros": lambda root: calibrations.write_ros(root, RIG),
+    "ros 1, echo": lambda root: calibrations.write_ros_echo(root, RIG, is_ros_2=False),
+    "ros 2, echo": lambda root: calibrations.write_ros_echo(root, RIG, is_ros_2=True),
     "kalibr": lambda root: [calibrations.write_kalibr(root / "camchain.yaml", RIG)],
     "zed": lambda root: [calibrations.write_zed(root / "SN1.conf", RIG)],
     "depthai": lambda root: [calibrations.write_depthai(root / "oak.json", RIG)],
@@ -340,6 +344,16 @@ def test_a_zed_has_as_many_coefficients_as_its_file(tmp_path: Path, coefficients
     pose = ["[STEREO]", "Baseline=120", "TY=0", "TZ=0", "CV_HD=0", "RX_HD=0", "RZ_HD=0"]
     path = write_text(tmp_path / "SN1.conf", "\n".join(["[LEFT_CAM_HD]", *lens, "[RIGHT_CAM_HD]", *lens, *pose]))
     assert _raw([path]).left.d.tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("before", "after"), [("binning_x: 0", "binning_x: 2"), ("y_offset: 0", "y_offset: 40")], ids=["merged", "cut"]
+)
+def test_a_message_of_a_part_of_the_sensor_is_refused(tmp_path: Path, before: str, after: str) -> None:
+    left, right = calibrations.write_ros_echo(tmp_path, RIG, is_ros_2=True)
+    write_text(left, left.read_text(encoding="utf-8").replace(before, after))
+    with pytest.raises(VfoaError, match=rf"^[^\n]*left\.yaml: camera_info: binning[^\n]*{after[-2:].strip()}[^\n]*$"):
+        read_cameras([left, right], _size)
 
 
 def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
