@@ -79,7 +79,7 @@ DOORS = {
         "harness/files/coco_masks.py",
         "harness/files/parsing.py",
         "harness/labels/formats/label_studio.py",
-        "harness/labels/formats/via_files.py",
+        "harness/labels/formats/via.py",
         "harness/pipeline/stage_files/coco_instances.py",
         "harness/pipeline/stage_files/coco_panoptic.py",
         "harness/record/verdict_layer.py",
