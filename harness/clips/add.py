@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from harness.labels.files import VERSION_LINE, format_annotations
 from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels
 from harness.sources import ADAPTERS, Clip, MeasuredClip, Recognised, Recogniser
 from harness.sources.foreign import refuse_foreign
+from harness.sources.media.frame_files import DEPTH, IMAGE_SUFFIXES, walk_files
 from vfoa.errors import VfoaError
 from vfoa.types import Scene, StereoFrame, StereoRig
 
@@ -79,7 +81,20 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
     if failures:
         raise failures[0]
     tried = ", ".join(recognisers or names)
-    raise VfoaError(f"{path}: not recognised by {tried}; expected one of the sources in datasets/README.md")
+    found = _held(path) if path.is_dir() else ""
+    raise VfoaError(f"{path}: not recognised by {tried}{found}; expected one of the sources in datasets/README.md")
+
+
+_MOST_KINDS = 5
+"""Most kinds of files that a message counts."""
+
+
+def _held(path: Path) -> str:
+    """The files of a folder by the ends of their names, the commonest first: images of a format that is not read."""
+    kinds = Counter(Path(name).suffix or name for _, names in walk_files(path, None) for name in names)
+    commonest = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(_MOST_KINDS))
+    images = ", ".join(sorted(IMAGE_SUFFIXES))
+    return f"; found files, {DEPTH} levels of folders deep: {commonest or 'none'} (images are {images})"
 
 
 def _agrees(recognised: Recognised, given: Mapping[str, Any]) -> bool:

@@ -30,7 +30,12 @@ _PRINTF = re.compile(r"%0?(\d*)d")
 _LARGEST = 2**63 - 1
 DEPTH = 3
 """Levels of folders below a path that are searched: ``mav0/cam0/data``."""
-IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm"})
+IMAGE_SUFFIXES = frozenset(
+    {
+        *(".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".bmp", ".tif", ".tiff", ".webp", ".avif", ".jp2"),
+        *(".ppm", ".pgm", ".pnm"),
+    }
+)
 _IMAGE_ENDS = tuple(IMAGE_SUFFIXES)
 
 
@@ -57,17 +62,18 @@ class FolderFiles(Mapping[int, Path]):
         return len(self._numbers)
 
 
-def walk_files(root: Path, suffixes: frozenset[str]) -> Iterator[tuple[Path, list[str]]]:
+def walk_files(root: Path, suffixes: frozenset[str] | None) -> Iterator[tuple[Path, list[str]]]:
     """Yield each folder at most three levels below ``root``, relative to it, and the names of its files, sorted.
 
-    Hidden files are left out, and two kinds that are no frames: Middlebury's pictures under other lights (``ambient``),
-    and the preview that ``vfoa calibrate`` writes beside its ``stereo.yml``.
+    ``suffixes`` are those of the files to list, None is any. Hidden files are left out, and two kinds that are no
+    frames: Middlebury's pictures under other lights (``ambient``), and the preview that ``vfoa calibrate`` writes
+    beside its ``stereo.yml``.
     """
     for folder, subfolders, files in os.walk(root):
         relative = Path(folder).relative_to(root)
         no_frames = {"ambient"} if "calib.txt" in files else set()
         no_frames |= {Path(name).stem + ".png" for name in files if name.endswith(".yml")}
-        names = [name for name in sorted(files) if Path(name).suffix.lower() in suffixes]
+        names = [name for name in sorted(files) if suffixes is None or Path(name).suffix.lower() in suffixes]
         yield relative, [name for name in names if not name.startswith(".") and name not in no_frames]
         is_deep = len(relative.parts) >= DEPTH
         subfolders[:] = sorted(n for n in subfolders if not (is_deep or n.startswith(".") or n in no_frames))

@@ -172,7 +172,14 @@ def test_what_is_not_a_clip_is_refused(tmp_path: Path) -> None:
     assert refused(tmp_path / "nowhere").endswith("nowhere: no such file or folder")
     write_text(tmp_path / "notes" / "a.txt", "hello")
     names = [name for name in ADAPTERS.names() if isinstance(ADAPTERS.load(name), Recogniser)]
-    assert f"not recognised by {', '.join(names)}; expected" in refused(tmp_path / "notes")
+    assert f"not recognised by {', '.join(names)}; found files" in (said := refused(tmp_path / "notes"))
+    assert "deep: 1 .txt (" in said
+
+
+def test_images_of_a_format_that_is_not_read_are_counted(tmp_path: Path) -> None:
+    for name in ("left/1.heic", "left/2.heic", "right/1.heic", "notes.txt"):
+        write_text(tmp_path / "phone" / name, "ftypheic")
+    assert "deep: 3 .heic, 1 .txt (" in refused(tmp_path / "phone")
 
 
 def test_an_unreadable_first_frame_writes_nothing(tmp_path: Path) -> None:

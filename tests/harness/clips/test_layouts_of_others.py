@@ -157,6 +157,19 @@ def test_one_command_adds_it(tmp_path: Path, layout: Layout) -> None:
         np.testing.assert_array_equal(seen, written)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "written_as"),
+    [(".jp2", ".jp2"), (".avif", ".avif"), (".jfif", ".jpg"), (".jpe", ".jpg"), (".pnm", ".ppm"), (".webp", ".webp")],
+)
+def test_images_of_any_format_that_opencv_reads_are_found(tmp_path: Path, suffix: str, written_as: str) -> None:
+    for side, image in zip(("left", "right"), views(1), strict=True):
+        write_image(tmp_path / f"1{written_as}", image).rename(write_text(tmp_path / "data" / side / f"1{suffix}", ""))
+    vfoa("add", tmp_path / "data", "--name", "mine", *NUMBERS)
+    frame = load_manifest("mine").open().frame(1)
+    for seen, written in zip((frame.left, frame.right), views(1), strict=True):
+        assert np.corrcoef(seen.mean(axis=2).ravel(), written.mean(axis=2).ravel())[0, 1] > 0.9
+
+
 def test_kitti_has_the_times_of_its_file(tmp_path: Path) -> None:
     kitti_raw(tmp_path / "data")
     vfoa("add", tmp_path / "data", "--name", "mine", *NUMBERS)
