@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import builtins
 import re
 import sys
 import tomllib
@@ -110,10 +111,15 @@ def _sources(package: str) -> list[Path]:
 
 
 @cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def _imports(path: Path) -> frozenset[str]:
     """Every module that a file imports, anywhere in its code; a name that is imported from a package may be one."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(_tree(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -222,10 +228,47 @@ def test_a_class_is_the_only_one_of_its_name() -> None:
     """Also a private one: who reads a name in one file expects the same meaning in the next."""
     places: dict[str, list[str]] = {}
     for module, path in _modules().items():
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in _tree(path).body:
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name.lstrip("_"), []).append(module)
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
+@cache
+def _names(path: Path) -> frozenset[str]:
+    """Every name that a file defines or imports, in any scope, attributes and keys of tables included."""
+    found: set[str] = set()
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            found.add(node.id if isinstance(node, ast.Name) else node.attr)
+        elif isinstance(node, ast.alias):
+            found.add(node.asname or node.name)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
+            found.add(node.value)
+    return frozenset(found)
+
+
+def _is_found(reference: str, path: Path) -> bool:
+    """Whether a docstring of a file may name this: a module with what is in it, or names of the file or of Python."""
+    parts = reference.split(".")
+    module = next((".".join(parts[:n]) for n in range(len(parts), 0, -1) if ".".join(parts[:n]) in _modules()), "")
+    if module:
+        return set(parts[module.count(".") + 1 :]) <= _names(_modules()[module])
+    own = _names(path) | set(dir(builtins)) | sys.stdlib_module_names
+    missing = set(parts) - own
+    if parts[0] in sys.stdlib_module_names or not missing:
+        return True
+    inherited = (_names(_modules()[name]) for name in _imports(path) & _modules().keys())
+    return parts[0] in own and missing <= set().union(*inherited)
+
+
+def test_what_a_docstring_refers_to_is_there() -> None:
+    role = re.compile(r":(?:func|class|mod|data|attr|meth|exc):`~?([^`]+)`")
+    places = {(module, name) for module, path in _modules().items() for name in role.findall(path.read_text("utf-8"))}
+    assert len(places) > 200
+    assert [(module, name) for module, name in sorted(places) if not _is_found(name, _modules()[module])] == []
 
 
 def test_data_folders_hold_no_python() -> None:

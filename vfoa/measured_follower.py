@@ -64,11 +64,11 @@ class MeasuredFollower:
         people
             Everyone in the frame, by name.
         objects
-            The other targets of the frame by name: a middle (3,), of which a cube of :data:`POINT_SIZE_M` is made, a
-            middle and the extents along the axes (2, 3), or a box. Under a person's name, it is the person's own box;
-            without one, others look at the head.
+            The other targets of the frame by name: a middle (3,), of which a cube of
+            :data:`~vfoa.measured.POINT_SIZE_M` is made, a middle and the extents along the axes (2, 3), or a box. Under
+            a person's name, it is the person's own box; without one, others look at the head.
         time_ns
-            The frame's time, nanoseconds, as in :meth:`vfoa.Follower.step`.
+            The frame's time, nanoseconds, as in :meth:`vfoa.estimator.Follower.step`.
 
         Raises
         ------

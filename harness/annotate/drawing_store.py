@@ -118,13 +118,13 @@ class DrawingStore(JournaledStore[Drawn]):
         return {"revision": self.revision, "tracks": tracks, "read_only": self.read_only}
 
     def draw(self, draw: Draw) -> None:
-        """Apply a person's action. Raises as :meth:`commit`, or if a name, a position or a place is wrong."""
+        """Apply a person's action. Raises as :meth:`JournaledStore.commit`, or if a name or a place is wrong."""
         self._check(draw)
         before = self._tracks.get((draw.name, draw.kind), ())
         self._put(draw.name, draw.kind, _changed(before, self.frames[draw.at], draw))
 
     def put_shape(self, shape: KeyedShape) -> None:
-        """Draw a whole shape, in place of one of the same name and kind; one step. Raises as :meth:`commit`."""
+        """Draw a shape, in place of one of its name and kind; one step. Raises as :meth:`JournaledStore.commit`."""
         others = [kind for name, kind in self._tracks if name == shape.name]
         check_kind(shape.name, shape.kind, self.subjects, others, str(self.path))
         self._put(shape.name, shape.kind, shape.keys)
@@ -134,7 +134,7 @@ class DrawingStore(JournaledStore[Drawn]):
         return _plain_tracks(self.content())
 
     def set_tracks(self, tracks: list[list[Any]]) -> None:
-        """Replace the drawing after a change of targets; this is no step. Raises as :meth:`commit`."""
+        """Replace the drawing after a change of targets; this is no step. Raises as :meth:`JournaledStore.commit`."""
         if tracks != self.tracks():
             self.commit({"set": tracks})
 

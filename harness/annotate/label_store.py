@@ -158,7 +158,7 @@ class LabelStore(JournaledStore[Labels]):
         Raises
         ------
         StaleRevisionError
-            If another program has changed the labels since the last :meth:`refresh`.
+            If another program has changed the labels since the last :meth:`JournaledStore.refresh`.
         VfoaError
             If a name or a position is not the clip's, or a file cannot be written.
         """

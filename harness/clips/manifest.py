@@ -1,4 +1,7 @@
-"""Clip manifests: ``datasets/<clip>.toml``, checked and opened; several clips may have one (:mod:`.families`)."""
+"""Clip manifests: ``datasets/<clip>.toml``, checked and opened.
+
+Several clips may have one (:mod:`harness.clips.families`).
+"""
 
 from __future__ import annotations
 

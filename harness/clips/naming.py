@@ -36,7 +36,8 @@ class NameRule(Settings):
     none of them, a target's name is shared by all of the category, a subject's goes to one person at a time.
 
     ``key`` and ``colour`` are the name's own on the labelling page, which assigns them (:mod:`harness.clips.naming`).
-    ``formerly`` are earlier names of a renamed target: results of runs have them (:func:`names_now`).
+    ``formerly`` are earlier names of a renamed target: results of runs have them
+    (:meth:`harness.clips.manifest.ClipManifest.names_now`).
     """
 
     category: str

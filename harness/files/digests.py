@@ -81,7 +81,7 @@ def digest_by_stamp(parts: Sequence[tuple[str, str]], read: Callable[[], str]) -
 
 
 def file_digest(path: Path) -> str:
-    """Hexadecimal sha256 of a file's content; raises a :class:`VfoaError` that names it if it cannot be read.
+    """Hexadecimal sha256 of a file's content; an error (:func:`opened`) names the file if it cannot be read.
 
     A large file is not read again while its stamp is the same (:mod:`harness.files.digests`).
     """

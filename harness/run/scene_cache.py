@@ -34,7 +34,7 @@ _OF_IMAGES = ("clip", "clip sha256", "clip code", "versions", "frames")
 class SceneCache:
     """The copies of what a run's configurations see of one clip.
 
-    ``decided`` holds the :func:`harness.run.scenes.identities` of each configuration by its name.
+    ``decided`` holds the :func:`harness.run.scene_identity.identities` of each configuration by its name.
     """
 
     store: Store

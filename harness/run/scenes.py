@@ -115,7 +115,7 @@ class SceneWriters:
     Parameters
     ----------
     decided
-        The :func:`identities` of each configuration, by name.
+        The :func:`~harness.run.scene_identity.identities` of each configuration, by name.
     measurer
         Measures the stages against the ground truth; None for a clip of recorded poses.
     clouds

@@ -116,7 +116,7 @@ def _blotches(points: Values, scale: float) -> NDArray[np.int64]:
 
 
 def _face(points: Values, scale: float) -> NDArray[np.int64]:
-    """Skin 0, mouth 1, brows 2, cheeks 3; in the head's frame (y forward, z up), see :mod:`.people`."""
+    """Skin 0, mouth 1, brows 2, cheeks 3; in the head's frame (y forward, z up), see :mod:`harness.studio.people`."""
     x, y, z = points.T
     side, front = np.abs(x), y > 0.06
     index = np.zeros(len(points), dtype=np.int64)

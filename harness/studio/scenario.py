@@ -27,7 +27,7 @@ class Roll:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thing:
-    """A thing in the room. ``label`` is its COCO name and a key of :data:`.things.THINGS`."""
+    """A thing in the room. ``label`` is its COCO name and a key of :data:`harness.studio.things.THINGS`."""
 
     name: str
     id: int

@@ -1,7 +1,8 @@
 """Faces of other programs as stage outputs: OpenFace 2's table of a sequence, and that of idiap/gaze3d's demo.
 
-Each row becomes a row of the tables of :mod:`heads` and :mod:`directions`, with the line of its own file. The n-th
-frame of the program is the n-th frame of the clip: both programs number from 1. Pixels are those of the left image.
+Each row becomes a row of the tables of heads and directions (:mod:`harness.pipeline.stage_files.heads`,
+:mod:`harness.pipeline.stage_files.directions`), with the line of its own file. The n-th frame of the program is the
+n-th frame of the clip: both programs number from 1. Pixels are those of the left image.
 
 OpenFace (:mod:`harness.sources.measured.openface`): the box about its 68 landmarks, which reaches from the brows to the
 chin, is enlarged to a face's; directions are in the camera frame.
