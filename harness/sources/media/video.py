@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ _RAW_SUFFIXES = frozenset({".h264", ".264", ".h265", ".265", ".hevc"})
 VIDEO_SUFFIXES = _RAW_SUFFIXES | {
     *(".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".asf", ".flv", ".3gp", ".mxf"),
     *(".ts", ".mts", ".m2ts"),  # .mts: AVCHD, of camcorders
+    *(".vob", ".mod", ".m2v", ".3g2", ".qt", ".ogv", ".y4m", ".divx"),
 }
 
 STEP = 32
@@ -76,10 +78,11 @@ class Video:
     """A video's frames by their position, from 0. Reading in order decodes each once. It can be pickled.
 
     Frames are counted by the packets, or by decoding if these are not conclusive. ``times_ns`` is each frame's time
-    since the first one. ``rate_hz`` is the stated rate if the times agree, else their mean rate: phones film with
-    varying steps. Pictures are turned and mirrored as the file says, as players do. ``notes``: whether they are, and
-    whether the container states another number of frames (FFmpeg's estimate from a duration that the frames fill does
-    not count).
+    since the first one; a frame whose time is not after that of the frame before, such as the last one of an MPEG film,
+    is one step after it. ``rate_hz`` is the stated rate if the times agree, else their mean rate: phones film with
+    varying steps. Pictures are turned and mirrored as the file says, as players do. ``notes``: whether they are, which
+    frames have no time, and whether the container states another number of frames (FFmpeg's estimate from a duration
+    that the frames fill does not count).
 
     Raises
     ------
@@ -92,7 +95,7 @@ class Video:
         stamp = settled_stamp([("", str(path))])
         index = _indexed(path) if stamp is None else _kept(path, stamp)
         self.frames, self.rate_hz, self.notes = range(len(index.stamps_ns)), index.rate_hz, index.notes
-        self.times_ns = tuple(at - index.stamps_ns[0] for at in index.stamps_ns)
+        self.times_ns = tuple(at - index.times_ns[0] for at in index.times_ns)
         self._stamps_ns, self._turn = index.stamps_ns, index.turn
         self._capture: Any = None
         self._position = -1
@@ -141,12 +144,17 @@ class Video:
         if place > STEP and self._can_seek:
             self._capture = self._capture or _open(self.path)
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, place)
-            places = {stamp: number for number, stamp in enumerate(self._stamps_ns)}
-            if len(places) == len(self._stamps_ns) and self._capture.grab():
-                self._position = places.get(_stamp(self._capture), place + 1)
+            if self._capture.grab():
+                self._position = self._places.get(_stamp(self._capture), place + 1)
                 if self._position <= place:
                     return
         self._capture, self._position = _open(self.path), -1
+
+    @cached_property
+    def _places(self) -> dict[int, int]:
+        """The positions of frames by their time stamp, if no other frame has it."""
+        count = Counter(self._stamps_ns)
+        return {stamp: place for place, stamp in enumerate(self._stamps_ns) if count[stamp] == 1}
 
     @cached_property
     def _can_seek(self) -> bool:
@@ -175,9 +183,13 @@ class Video:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Index:
-    """What a file holds: the time stamp of each frame, its rate, how it is shown, and notes; see :class:`Video`."""
+    """What a file holds: the stamp and the time of each frame, its rate, how it is shown, and notes.
+
+    ``stamps_ns`` are as OpenCV gives them, ``times_ns`` ascend; see :class:`Video`.
+    """
 
     stamps_ns: tuple[int, ...]
+    times_ns: tuple[int, ...]
     rate_hz: float | None
     turn: Turn
     notes: tuple[str, ...]
@@ -197,17 +209,40 @@ def _indexed(path: Path) -> _Index:
         film = shlex.join(["ffmpeg", "-r", "RATE", "-i", str(path), "-c", "copy", f"{path.stem}.mp4"])
         raise VfoaError(f"{path}: its {len(stamps)} frames have no times (a raw stream?); expected a film: `{film}`")
     stated, claimed = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-    span_s = (stamps[-1] - stamps[0]) / 1e9
+    times_ns, untimed = _ascending(stamps, stated)
+    span_s = (times_ns[-1] - times_ns[0]) / 1e9
     mean = round((len(stamps) - 1) / span_s, 3) if span_s > 0 else None
     agrees = mean is None or abs(stated / mean - 1) < RATE_TOLERANCE
     is_estimate = not agrees and mean and abs(claimed / stated * mean / len(stamps) - 1) < RATE_TOLERANCE
     turn, notes = _shown(path)
     if claimed > 0 and claimed != len(stamps) and not is_estimate:
         notes.append(f"{path.name}: the container says {claimed} frames, {len(stamps)} can be read")
+    if untimed:
+        frames = f"{len(untimed)} frames (from {untimed[0]} on)" if len(untimed) > 1 else f"frame {untimed[0]}"
+        notes.append(f"{path.name}: {frames} without a time of its own: one step after the frame before")
     if turn != UPRIGHT:
         notes.append(f"{path.name}: pictures are {turn}, as the file says")
     rate_hz = stated if agrees and np.isfinite(stated) and stated > 0 else mean
-    return _Index(stamps_ns=tuple(stamps), rate_hz=rate_hz, turn=turn, notes=tuple(notes))
+    return _Index(stamps_ns=tuple(stamps), times_ns=tuple(times_ns), rate_hz=rate_hz, turn=turn, notes=tuple(notes))
+
+
+def _ascending(stamps_ns: Sequence[int], stated_hz: float) -> tuple[list[int], list[int]]:
+    """The times of frames in order, and the positions of those whose stamp is not after the time before.
+
+    MPEG's last picture comes out of the decoder when the file has ended, without a time (OpenCV: 0).
+    """
+    step_ns = round(1e9 / stated_hz) if np.isfinite(stated_hz) and stated_hz > 0 else max(1, _usual_step(stamps_ns))
+    times_ns, untimed = [stamps_ns[0]], list[int]()
+    for place, stamp in enumerate(stamps_ns[1:], start=1):
+        if stamp <= times_ns[-1]:
+            untimed.append(place)
+            stamp = times_ns[-1] + step_ns
+        times_ns.append(stamp)
+    return times_ns, untimed
+
+
+def _usual_step(stamps_ns: Sequence[int]) -> int:
+    return int(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 1
 
 
 def _opened(path: Path) -> Any:

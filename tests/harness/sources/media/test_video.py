@@ -65,6 +65,21 @@ def test_films_of_camcorders_and_phones_are_films(tmp_path: Path, name: str) -> 
     assert np.abs(found.views.read(17)[1].astype(int) - IMAGES[17]).mean() < 10
 
 
+@pytest.mark.parametrize("name", ["a.mpg", "a.vob", "a.m2v"])
+def test_the_last_picture_of_mpeg_has_a_time_although_the_file_gives_none(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    write_coded(path, IMAGES, {"bf": "2"}, coder="mpeg2video", form=FORMS.get(path.suffix[1:]))
+    film = Video(path)
+    assert list(film.times_ns) == [40_000_000 * place for place in range(COUNT)]
+    assert film.rate_hz == 25.0
+    assert f"{name}: frame {COUNT - 1} without a time of its own: one step after the frame before" in film.notes
+    frames = [film.read(place) for place in film.frames]
+    differences = [[np.abs(frame.astype(int) - image).mean() for image in IMAGES] for frame in frames]
+    assert np.argmin(differences, axis=1).tolist() == list(range(COUNT))
+    for place in (COUNT - 1, 40, 3):
+        assert np.array_equal(Video(path).read(place), frames[place])
+
+
 @pytest.mark.parametrize("named", [False, True])
 def test_a_raw_stream_has_no_times_and_is_told_what_to_do(tmp_path: Path, named: bool) -> None:
     for side in ("left", "right"):
@@ -91,7 +106,7 @@ def test_rows_of_two_times_and_oblong_pixels_are_noted(
     assert [note[: len(word)] for note, word in zip(Video(tmp_path / "a.mp4").notes, words, strict=True)] == words
 
 
-FORMS = {"mts": "mpegts", "m2ts": "mpegts", "3gp": "mp4"}
+FORMS = {"mts": "mpegts", "m2ts": "mpegts", "3gp": "mp4", "mpg": "vob", "vob": "vob", "m2v": "mpeg2video"}
 """FFmpeg's name of a form, where the end of a file's name does not tell it."""
 
 
@@ -101,10 +116,11 @@ def write_coded(
     options: dict[str, str],
     *,
     form: str | None = None,
+    coder: str = "libx264",
     aspect: Fraction | int = 1,
 ) -> None:
     with av.open(str(path), "w", format=form) as container:
-        stream: Any = container.add_stream("libx264", rate=25, options=options)
+        stream: Any = container.add_stream(coder, rate=25, options=options)
         stream.height, stream.width, stream.pix_fmt = *images[0].shape[:2], "yuv420p"
         stream.codec_context.sample_aspect_ratio = aspect
         for image in images:
