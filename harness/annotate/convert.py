@@ -83,7 +83,9 @@ def import_labels(
             raise
         raise VfoaError(f"{error} (by its name, a file of --format {own})") from None
     if not imported.labels.ranges and not imported.drawn.tracks:
-        raise VfoaError(f"{source}: no label of a frame of this clip; {' '.join(imported.notes) or 'it is empty'}")
+        hint = "" if exchange.offset is not None else " --offset SECONDS says when the clip begins in it."
+        why = f"{' '.join(imported.notes)}{hint}" if imported.notes else "it is empty"
+        raise VfoaError(f"{source}: no label of a frame of this clip; {why}")
     _check_size(imported, manifest, source)
     new, notes = imported.labels, list(imported.notes)
     if confirm:

@@ -65,8 +65,9 @@ def import_(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="boris, coco, csv, cvat, datavyu, elan, idiap_vfoa, label_studio, observer, praat, table, via, or a "
-            "package's. Default: as the file's name says (.boris, .eaf, .opf, .TextGrid).",
+            help="boris, coco, csv, cvat, datavyu, elan, idiap_vfoa, label_studio, observer, praat, pupil_cloud, "
+            "table, via, or a package's. Default: as the file's name says (.boris, .eaf, .opf, .TextGrid, "
+            "aoi_fixations.csv).",
             autocompletion=annotation_formats,
         ),
     ] = None,
@@ -87,7 +88,8 @@ def import_(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="BORIS, Observer: observation to read, if the file has several. Label Studio: id of the annotation.",
+            help="BORIS, Observer: observation to read, if the file has several. Pupil Cloud: recording. "
+            "Label Studio: id of the annotation.",
         ),
     ] = None,
     film: Annotated[

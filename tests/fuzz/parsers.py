@@ -158,6 +158,8 @@ PARSERS: Sequence[Parser] = (
     Parser("elan text", "theirs.txt", whole.ELAN_TEXT, _labels("elan")),
     Parser("TextGrid", "theirs.TextGrid", whole.TEXT_GRID, _labels("praat")),
     Parser("VIA", "theirs.csv", whole.VIA, _labels("via")),
+    Parser("Pupil Cloud's areas", "aoi_fixations.csv", whole.AOI_FIXATIONS, states.pupil_cloud),
+    Parser("Pupil Cloud's fixations", "fixations.csv", whole.FIXATIONS, states.pupil_cloud),
     Parser("Label Studio", "theirs.json", whole.LABEL_STUDIO, _labels("label_studio")),
     Parser("Datavyu", "theirs.csv", whole.DATAVYU, _labels("datavyu")),
     Parser("Datavyu spreadsheet", "theirs.opf", whole.datavyu_packed, _labels("datavyu")),

@@ -16,6 +16,7 @@ from harness.annotate.actions import look
 from harness.annotate.label_store import LabelStore
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
+from harness.labels.formats.pupil_cloud import PupilCloud
 from harness.labels.labels import Timeline, timeline_of
 from harness.pipeline.cache import StageIdentity, StoredOutputs, difference
 from harness.pipeline.cache_store import Store, encode
@@ -43,7 +44,7 @@ from harness.sources.recordings.topics import RecordingSettings
 from harness.studio.store import load_geometry, load_pair, save_geometry, save_pair
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import labels_text, write_text
-from tests.exchanges import PlainClip
+from tests.exchanges import PlainClip, exchange
 from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, shared, show
 from tests.measured import idiap_file, measured_tables, open_measured, openface_file, pose
@@ -85,6 +86,14 @@ def idiap_labels(path: Path) -> Any:
     return IdiapGroundTruth().read(
         path, Exchange(timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=("1", "2"), targets=("robot",))
     )
+
+
+def pupil_cloud(path: Path) -> Any:
+    """Reads the tables of an export, of which the other one is whole."""
+    for name, text in (("aoi_fixations.csv", whole.AOI_FIXATIONS), ("fixations.csv", whole.FIXATIONS)):
+        if path.name != name:
+            path.with_name(name).write_text(text)
+    return naming(path, lambda: PupilCloud().read(path.with_name("aoi_fixations.csv"), exchange()))
 
 
 def _store(folder: Path, journal: Path) -> LabelStore:

@@ -72,6 +72,17 @@ LOOKS = (
     "start;end;person;object;note\n0,04;1,2;girl;bird;far\n0:00:01.2;0:00:01.9;girl;none;\n",
     "frame,subject,target\n1,girl,bird\n2,girl,bird\n1,boy,girl\n",
     "time_ns,subject,target\n40000000,girl,bird\n81000000,girl,none\n",
+    "start_ns,end_ns,subject,target\n40000000,81000000,girl,bird\n",
+)
+AOI_FIXATIONS = (
+    "aoi id,aoi name,section id,recording id,fixation id,fixation duration [ms]\n"
+    "a,bird,s,girl,1,100\nb,cup,s,girl,3,9\n"
+)
+FIXATIONS = (
+    "section id,recording id,fixation id,start timestamp [ns],end timestamp [ns],duration [ms],"
+    "fixation detected in reference image\n"
+    "s,girl,1,40000000,140000000,100,True\ns,girl,2,140000000,200000000,60,False\n"
+    "s,girl,3,200000000,300000000,100,True\n"
 )
 ELAN_TEXT = (
     "girl\t\t00:00:00.030\t0.03\t00:00:00.130\t0.13\t00:00:00.100\t0.1\tbird\n",

@@ -72,6 +72,7 @@ FORMATS = Registry(
         "label_studio": "harness.labels.formats.label_studio:LabelStudio",
         "observer": "harness.labels.formats.observer:Observer",
         "praat": "harness.labels.formats.praat:Praat",
+        "pupil_cloud": "harness.labels.formats.pupil_cloud:PupilCloud",
         "table": "harness.labels.formats.own_table:OwnTable",
         "via": "harness.labels.formats.via:Via",
     },
@@ -81,8 +82,15 @@ FORMATS = Registry(
 SUFFIXES = {"csv": ".csv", "elan": ".eaf"}
 """Default suffix of a file in each format; formats of other distributions have none."""
 
-_OWN = {".eaf": "elan", ".boris": "boris", ".boris.gz": "boris", ".opf": "datavyu", ".textgrid": "praat"}
-"""Suffixes that files of one format alone have."""
+_OWN = {
+    ".eaf": "elan",
+    ".boris": "boris",
+    ".boris.gz": "boris",
+    ".opf": "datavyu",
+    ".textgrid": "praat",
+    "aoi_fixations.csv": "pupil_cloud",
+}
+"""Ends of names that files of one format alone have."""
 
 
 def own_format(path: Path) -> str | None:

@@ -3,11 +3,12 @@
 Its columns are found by their names (:data:`COLUMNS`), in any order, case and dialect of CSV
 (:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, or for a
 ``duration``, in seconds, milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in
-one frame, which is that of the number ``frame``, or nearest to ``time_s``, ``time_ms`` or ``time_us``, or to
-``time_ns`` by the clip's own stamps; of several such rows, a frame takes the nearest. In place of ``subject`` and
-``target`` there may be a column named after each subject, with the subject's targets; in place of ``target``, a column
-named after each target, with 1 where it is looked at and else 0, as in Tobii Pro Lab's data export (``AOI hit [Snapshot
-- cup]``).
+one frame, which is that of the number ``frame``, or nearest to ``time_s``, ``time_ms``, ``time_us`` or ``time_ns``; of
+several such rows, a frame takes the nearest. Nanoseconds are of the clip's own clock, if no offset is given.
+
+In place of ``subject`` and ``target`` there may be a column named after each subject, with the subject's targets; in
+place of ``target``, a column named after each target, with 1 where it is looked at and else 0, as in Tobii Pro Lab's
+data export (``AOI hit [Snapshot - cup]``).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from vfoa.errors import VfoaError
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "subject": ("subject", "person", "who", "participant", "participant_name"),
-    "target": ("target", "object", "what", "looks_at", "label", "aoi", "gaze_target", "vfoa", "trial_type"),
+    "target": ("target", "object", "what", "looks_at", "label", "aoi", "aoi_name", "gaze_target", "vfoa", "trial_type"),
     "note": ("note", "notes", "comment", "comments"),
     "frame": ("frame", "frame_number", "frame_index"),
     "first_frame": ("first_frame", "start_frame", "frame_start"),
@@ -38,6 +39,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "start_ms": ("start_ms", "start_time_ms", "begin_ms", "onset_ms"),
     "end_ms": ("end_ms", "end_time_ms", "stop_ms", "offset_ms"),
     "duration_ms": ("duration_ms",),
+    "start_ns": ("start_ns", "start_timestamp_ns", "start_time_ns"),
+    "end_ns": ("end_ns", "end_timestamp_ns", "end_time_ns"),
     "time_s": ("time_s", "time", "timestamp", "timestamp_s"),
     "time_ms": ("time_ms", "timestamp_ms", "recording_timestamp_ms"),
     "time_us": ("time_us", "timestamp_us", "recording_timestamp_us"),
@@ -46,7 +49,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 """The names of each column, as :func:`plain_name` has them."""
 
 _PLACES = (
-    *(("start_s", "end_s"), ("start_ms", "end_ms"), ("first_frame", "last_frame")),
+    *(("start_s", "end_s"), ("start_ms", "end_ms"), ("start_ns", "end_ns"), ("first_frame", "last_frame")),
     *(("start_s", "duration_s"), ("start_ms", "duration_ms")),
     *(("frame",), ("time_s",), ("time_ms",), ("time_us",), ("time_ns",)),
 )
@@ -62,33 +65,44 @@ class OwnTable(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels. Without a column of subjects they are those of the clip's only one."""
-        (line, header), *lines = _by_target(_by_subject(_even_rows(path), exchange), exchange, path)
-        columns, left_out = _columns(header, f"{path}:{line}")
-        place = _place(columns, f"{path}:{line}")
-        if "subject" not in columns and len(exchange.subjects) != 1:
-            raise VfoaError(
-                f"{path}:{line}: no column of subjects; expected subject, since the clip has "
-                f"{', '.join(exchange.subjects) or 'none'}"
-            )
-        rows = [_row(cells, columns, f"{path}:{line}") for line, cells in lines]
-        known = [row for row in rows if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
-        if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in _UNITS:
-            _check_unit(known, place, exchange, path)
-        if place[0] in ("start_ms", "time_ms"):
-            _check_milliseconds(known, place, exchange, path)
-        if place[0] in ("time_s", "time_ms", "time_us", "time_ns"):
-            imported = _moments(known, place[0], exchange, path)
-        elif place[0] in _MS_PER_UNIT or exchange.fps is not None:
-            imported = _spans(known, place, exchange, path)
-        else:
-            imported = _frames(known, place, exchange, path)
-        notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
-        if len(known) < len(rows):
-            notes.append(f"{path}: {len(rows) - len(known)} rows without a target are left out.")
-        return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
+        return from_rows(_by_target(_by_subject(even_rows(path), exchange), exchange, path), exchange, path)
 
 
-def _even_rows(path: Path) -> Sequence[Row]:
+def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
+    """Return the labels of a header and rows with one subject and one target each; ``path`` opens the messages.
+
+    Raises
+    ------
+    VfoaError
+        If columns are missing, or a cell is wrong: with its line.
+    """
+    (line, header), *lines = rows
+    columns, left_out = _columns(header, f"{path}:{line}")
+    place = _place(columns, f"{path}:{line}")
+    if "subject" not in columns and len(exchange.subjects) != 1:
+        raise VfoaError(
+            f"{path}:{line}: no column of subjects; expected subject, since the clip has "
+            f"{', '.join(exchange.subjects) or 'none'}"
+        )
+    given = [_row(cells, columns, f"{path}:{line}") for line, cells in lines]
+    known = [row for row in given if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
+    if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in _UNITS:
+        _check_unit(known, place, exchange, path)
+    if place[0] in ("start_ms", "time_ms"):
+        _check_milliseconds(known, place, exchange, path)
+    if place[0] in ("time_s", "time_ms", "time_us", "time_ns"):
+        imported = _moments(known, place[0], exchange, path)
+    elif place[0] in (*_MS_PER_UNIT, "start_ns") or exchange.fps is not None:
+        imported = _spans(known, place, exchange, path)
+    else:
+        imported = _frames(known, place, exchange, path)
+    notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
+    if len(known) < len(given):
+        notes.append(f"{path}: {len(given) - len(known)} rows without a target are left out.")
+    return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
+
+
+def even_rows(path: Path) -> Sequence[Row]:
     """The header, which may be empty, and the rows, all as long as it is."""
     rows = table_rows(path) or [(1, [])]
     for line, cells in rows:
@@ -211,11 +225,21 @@ def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path:
         if place[0] in _MS_PER_UNIT:
             start, end = (round(_time_ms(*each, unit_ms=_MS_PER_UNIT[place[0]])) for each in ends)
             end += start if place[-1].startswith("duration") else 0
+        elif place[0] == "start_ns":
+            start, end = ((_whole(*each, "ns") + MS // 2) // MS for each in ends)
         else:
             first, last = (_whole(*each) for each in ends)
             start, end = (round(1000 * frame / (exchange.fps or 1.0)) for frame in (first, last + 1))
         spans.append(Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where))
-    return from_spans(spans, exchange, path)
+    return from_spans(spans, exchange, path, shown=_timeline(place[0], exchange, path))
+
+
+def _timeline(column: str, exchange: Exchange, path: Path) -> Timeline:
+    """The frames at the times of a column: nanoseconds are of the clip's own clock, if no offset says another."""
+    timeline = exchange.timeline if column.endswith("_ns") and exchange.offset is None else exchange.shown
+    if not timeline.times_ns:
+        raise VfoaError(f"{path}: {column}: the times of the clip's frames are not known; expected a column of frames")
+    return timeline
 
 
 _UNITS = ("s", "sec", "seconds", "ms", "us", "ns", "frame", "frames")
@@ -314,9 +338,7 @@ def _joined(rows: Sequence[LabelRange], frames: Sequence[int]) -> Iterator[Label
 
 def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) -> Imported:
     """Labels of the frames that are nearest to times, by at most half a step; each frame has its nearest row."""
-    timeline = exchange.timeline if column == "time_ns" else exchange.shown
-    if not timeline.times_ns:
-        raise VfoaError(f"{path}: {column}: the times of the clip's frames are not known; expected a column of frames")
+    timeline = _timeline(column, exchange, path)
     outside, moments, within_ns = list[str](), list[_Moment](), timeline.step_ns / 2
     for where, cells in rows:
         subject, label = _label(cells, where, exchange)
