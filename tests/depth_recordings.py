@@ -165,14 +165,23 @@ class Messages:
         position: Sequence[float],
         quaternion: Sequence[float],
         log_ns: int = 0,
+        kind: Literal["PoseStamped", "PoseWithCovarianceStamped", "Odometry"] = "PoseStamped",
     ) -> None:
         types = self._store.types
         pose = types["geometry_msgs/msg/Pose"](
             position=types["geometry_msgs/msg/Point"](*map(float, position)),
             orientation=types["geometry_msgs/msg/Quaternion"](*map(float, quaternion)),
         )
-        header = self.header(stamp_ns, frame)
-        self.write(topic, "geometry_msgs/msg/PoseStamped", log_ns or stamp_ns, header=header, pose=pose)
+        fields: dict[str, Any] = {"header": self.header(stamp_ns, frame), "pose": pose}
+        if kind != "PoseStamped":
+            fields["pose"] = types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=np.zeros(36))
+        if kind == "Odometry":
+            still = types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+            twist = types["geometry_msgs/msg/Twist"](linear=still, angular=still)
+            fields["twist"] = types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=np.zeros(36))
+            fields["child_frame_id"] = "base_link"
+        package = "nav_msgs" if kind == "Odometry" else "geometry_msgs"
+        self.write(topic, f"{package}/msg/{kind}", log_ns or stamp_ns, **fields)
 
     def extrinsics(
         self, topic: str, stamp_ns: int, rotation: NDArray[np.float64], translation: Sequence[float]

@@ -4,10 +4,12 @@
 
     /vrpn_client_node/anna/pose   geometry_msgs/PoseStamped        vrpn_client_ros, mocap_optitrack, qualisys ...
     /vicon/anna/anna              geometry_msgs/TransformStamped   vicon_bridge
+    /amcl_pose, /odom             geometry_msgs/PoseWithCovarianceStamped, nav_msgs/Odometry: a robot's estimate
     /tf, /tf_static               tf2_msgs/TFMessage               any tracker; face_ID and gaze_ID of ROS4HRI (REP 155)
 
 A body is a topic, or a coordinate frame of /tf. Its pose turns its own axes into those of the frame in the message's
-header; /tf and /tf_static bring these into one frame, which is right-handed with z up (REP 103).
+header; /tf and /tf_static bring these into one frame, which is right-handed with z up (REP 103). Estimates are most
+often on /tf, too: they are bodies where they are named, or where a recording has no others.
 
 Messages of bodies have their own times and rates. A frame begins with the first message that is in no frame yet, and
 lasts until a body in it is sent again, at most the step (median) of the body with the shortest one. It has the message
@@ -59,9 +61,9 @@ _NAMELESS = frozenset({"pose", "poses", "pose_stamped", "transform", "transform_
 class RosPosesSettings(MotionCaptureSettings):
     """Settings of :class:`RosPosesClip`: ``file`` is a recording, a file or the folder of one that was split.
 
-    ``bodies`` are those that are read, beside the heads: without it all topics, or without topics all frames of /tf
-    that move. ``frame`` is the coordinate frame of the clip, without it the one that has no parent. ``stamps`` are
-    those of the headers, or of the log (when a message was recorded).
+    ``bodies`` are those that are read, beside the heads: without it all topics of trackers, or without these all frames
+    of /tf that move. ``frame`` is the coordinate frame of the clip, without it the one that has no parent. ``stamps``
+    are those of the headers, or of the log (when a message was recorded).
     """
 
     up: Up = "z"
@@ -135,6 +137,7 @@ class _Trajectory:
 
     where: str
     is_static: bool
+    is_estimate: bool = False
     stamps_ns: list[int] = field(default_factory=list)
     cells: list[list[float]] = field(default_factory=list)
     parents: dict[str, None] = field(default_factory=dict)
@@ -188,7 +191,7 @@ def _trajectories(
                     )
                 key = f"/{topic.lstrip('/')}" if child is None else child
                 trajectory = trajectories.setdefault(
-                    key, _Trajectory(where if child is None else f"{where}: {child}", is_static)
+                    key, _Trajectory(where if child is None else f"{where}: {child}", is_static, _is_estimate(kind))
                 )
                 if trajectory.is_static == is_static:
                     trajectory.add(parent, stamp_ns if stamps == "header" else log_ns, cells)
@@ -197,12 +200,20 @@ def _trajectories(
     return trajectories, [end for both in ends.values() for end in both]
 
 
+def _is_estimate(kind: MessageType) -> bool:
+    """Whether a pose comes with its covariance, as that of a robot that localises itself."""
+    return kind.name.endswith(("/PoseWithCovarianceStamped", "/Odometry"))
+
+
 def _poses_of(kind: MessageType, data: bytes, where: str) -> Iterator[tuple[str | None, str, int, list[float]]]:
     """Of each pose in a message: its own frame if it is of /tf, the frame of its header, its stamp, and its numbers."""
     message = fields_of(kind, data, where)
     given: list[tuple[str | None, Any, Any, Any]]
     if kind.name.endswith("/PoseStamped"):
         pose = message("pose")
+        given = [(None, message("header"), pose.orientation, pose.position)]
+    elif _is_estimate(kind):
+        pose = message("pose").pose
         given = [(None, message("header"), pose.orientation, pose.position)]
     elif kind.name.endswith("/TransformStamped"):
         moved = message("transform")
@@ -272,10 +283,11 @@ def _chosen(
     """
     worn = [head.body or name for name, head in settings.heads.items()]
     if settings.bodies is None:
-        topics = [name for name, key in names.items() if key.startswith("/")]
-        moving = [name for name, key in names.items() if trajectories[key].is_moving]
+        estimates = [name for name, key in names.items() if trajectories[key].is_estimate]
+        topics = [name for name, key in names.items() if key.startswith("/") and name not in estimates]
+        moving = [name for name, key in names.items() if trajectories[key].is_moving and name not in estimates]
         parts = tuple(f"_{head[1]}" for name in worn if (head := _HEAD.fullmatch(name)))
-        bodies = topics or [name for name in moving or names if not name.endswith(parts)]
+        bodies = topics or [name for name in moving or estimates or names if not name.endswith(parts)]
     else:
         bodies = [*settings.bodies]
         for name in bodies:

@@ -51,7 +51,9 @@ _KINDS: dict[str, dict[str, Kind]] = {
 _POSES = frozenset(
     {
         "geometry_msgs/msg/PoseStamped",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
         "geometry_msgs/msg/TransformStamped",
+        "nav_msgs/msg/Odometry",
         "tf2_msgs/msg/TFMessage",
         "tf/msg/tfMessage",
     }

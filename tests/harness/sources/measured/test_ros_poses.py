@@ -226,6 +226,37 @@ def test_frames_that_move_are_the_bodies_unless_they_are_named(tmp_path: Path) -
     assert [*robot.objects] == ["face_ab", "gaze_ab"]
 
 
+@pytest.mark.parametrize("kind", FORMATS)
+def test_where_a_robot_says_it_is_is_a_body_if_it_is_named(kind: Format, tmp_path: Path) -> None:
+    """Odometry, which most often is on /tf as well, does not displace the other bodies."""
+
+    def fill(write: Messages) -> None:
+        for step in range(3):
+            stamp_ns = START_NS + step * STEP_NS
+            vrpn(write, "anna", stamp_ns, [1, 2, 1.8])
+            write.transform("/tf", stamp_ns, "world", "base_link", [step, 0, 0], STILL)
+            write.pose("/robot/odom", stamp_ns, "world", [step, 1, 0], STILL, kind="Odometry")
+            write.pose("/amcl_pose", stamp_ns, "world", [step, 2, 0], STILL, kind="PoseWithCovarianceStamped")
+
+    path = record(tmp_path, fill, kind)
+    assert [*opened(path).objects] == []
+    clip = opened(path, bodies=["odom", "amcl_pose"])
+    for step, scene in enumerate(map(clip.scene, clip.frames)):
+        for name, y in (("odom", 1), ("amcl_pose", 2)):
+            np.testing.assert_allclose(center(scene, name), left_from_ros([step, y, 0]), atol=1e-9)
+
+
+def test_without_other_poses_estimates_are_the_bodies(tmp_path: Path) -> None:
+    def fill(write: Messages) -> None:
+        for step in range(3):
+            for name in ("anna", "robot"):
+                topic, stamp_ns = f"/{name}/pose", START_NS + step * STEP_NS
+                write.pose(topic, stamp_ns, "map", [step, 0, 0], STILL, kind="PoseWithCovarianceStamped")
+
+    clip = opened(record(tmp_path, fill))
+    assert ([*clip.people], [*clip.objects], len(clip.frames)) == (["anna"], ["robot"], 3)
+
+
 def test_bodies_of_one_name_have_their_full_names(tmp_path: Path) -> None:
     def fill(write: Messages) -> None:
         for stamp_ns in (START_NS, START_NS + STEP_NS):
@@ -327,6 +358,18 @@ def test_a_genuine_robot_stands_where_its_localisation_says(shared_data: Path) -
     assert len(apart_m) > 120
     assert np.median(apart_m) < 0.05
     assert np.median(apart_rad) < 0.03
+
+
+def test_a_genuine_localisation_is_read_as_it_was_said(shared_data: Path) -> None:
+    path = shared_data / "mcap" / "no_image_topics.mcap"
+    clip = opened(path, heads={"robot": {"body": "amcl_pose", **FACE}}, bodies=[], frame="map")
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        said = [message for *_, message in reader.iter_decoded_messages(topics=["/amcl_pose"])]
+    assert len(clip.frames) == len(said) > 100
+    for scene, message in zip(map(clip.scene, clip.frames), said, strict=True):
+        place = message.pose.pose.position
+        np.testing.assert_allclose(eyes(scene), left_from_ros([place.x, place.y, place.z]), atol=1e-9)
 
 
 def _pose(topic: str, frame: str, turn: Sequence[float] = STILL, x: float = 0.0) -> Callable[[Messages], None]:
