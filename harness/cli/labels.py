@@ -17,6 +17,7 @@ from harness.cli.options import (
     clip_names,
     clip_names_and_run_directories,
     run_folder,
+    written_formats,
 )
 from harness.cli.terminal import say
 
@@ -155,9 +156,7 @@ def export(
     *,
     format_: Annotated[
         str,
-        typer.Option(
-            "--format", metavar="FORMAT", help="elan, csv, or a package's.", autocompletion=annotation_formats
-        ),
+        typer.Option("--format", metavar="FORMAT", help="elan, csv, or a package's.", autocompletion=written_formats),
     ],
     annotator: Annotator = None,
     clip: Annotated[

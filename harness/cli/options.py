@@ -118,6 +118,13 @@ def annotation_formats(incomplete: str) -> list[str]:
     return _matching(FORMATS.names(), incomplete)
 
 
+def written_formats(incomplete: str) -> list[str]:
+    """Formats of annotations that can be written, by name."""
+    from harness.labels.formats import FORMATS, SUFFIXES
+
+    return [name for name in annotation_formats(incomplete) if name in SUFFIXES or name not in FORMATS.builtin]
+
+
 def _named_manifest(context: typer.Context) -> RunManifest | None:
     """The manifest of the run that the command names; None if it names none."""
     from harness.run.directory import RunDirectory

@@ -31,7 +31,7 @@ from harness.sources.rectification import (
     pair_of_infos,
     rectify_pose,
 )
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, listed
 from vfoa.types import Float
 
 SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz", ".mat"})
@@ -327,7 +327,10 @@ def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> R
 
 _OF_A_CAMERA = {
     "K": ("k", "m", "mtx", "cm", "cameramatrix", "intrinsic", "intrinsics", "intrinsicmatrix"),
-    "D": ("d", "dist", "distcoef", "distcoeff", "distcoeffs", "distortion", "distortioncoefficients"),
+    "D": (
+        *("d", "dist", "distcoef", "distcoefs", "distcoeff", "distcoeffs"),
+        *("distortion", "distortioncoeffs", "distortioncoefficients"),
+    ),
     "R": ("r", "rect", "rectification", "rectificationmatrix"),
     "P": ("p", "proj", "projmat", "projmatrix", "projection", "projectionmatrix"),
 }
@@ -394,6 +397,8 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
         rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)
         return rectify_pose(first, second, rotation, translation, where)
     there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
+    if others := [name for name, _ in _one_level(document) if _role(name) is None]:
+        there += f" (and, not known, {listed(others, 8)})"
     if matrices.keys() >= {"P1", "P2"}:
         raise VfoaError(
             f"{where}: holds {' and '.join(unrectified)} of an unrectified pair but not all that rectifies it: found "

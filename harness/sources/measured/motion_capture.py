@@ -85,6 +85,7 @@ class Poses:
 class Take:
     """A file's frames: numbers (N,), times (N,) ns, and the poses of each body by name; ``bones`` are some of these.
 
+    ``faces`` are others, whose origin is between the eyes.
     ``digest`` is that of what was read, if it is not one file; ``notes`` are for the reader of a table.
     """
 
@@ -92,6 +93,7 @@ class Take:
     times_ns: Sequence[int]
     poses: Mapping[str, Poses]
     bones: frozenset[str] = frozenset()
+    faces: frozenset[str] = frozenset()
     digest: str | None = None
     notes: tuple[str, ...] = ()
 
@@ -123,7 +125,8 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
             for place, (number, time_ns) in enumerate(zip(take.numbers, take.times_ns, strict=True))
         }
         super().__init__(frames, settings.fixed_objects(), settings, str(path), take.digest or file_digest(path))
-        self.notes = (*take.notes, *_lost({**worn, **{name: name for name in things}}, take), *_notes_on_eyes(settings))
+        lost = _lost({**worn, **{name: name for name in things}}, take)
+        self.notes = (*take.notes, *lost, *_notes_on_eyes(settings, worn, take))
 
     def forward(self, person: str) -> Float:
         """Return where the face points in the axes of the body that a person wears, a unit vector (3,)."""
@@ -309,9 +312,10 @@ def _lost(bodies: Mapping[str, str], take: Take) -> Iterator[str]:
             yield f"{name}: not tracked in {lost} of {len(take.numbers)} frames"
 
 
-def _notes_on_eyes(settings: MotionCaptureSettings) -> Iterator[str]:
+def _notes_on_eyes(settings: MotionCaptureSettings, worn: Mapping[str, str], take: Take) -> Iterator[str]:
     """A note on people whose eyes are taken to be at the origin of their body, because ``eyes_m`` was not set."""
-    if names := [name for name, head in settings.heads.items() if not any(head.eyes_m)]:
+    heads = settings.heads.items()
+    if names := [name for name, head in heads if not any(head.eyes_m) and worn[name] not in take.faces]:
         yield (
             f"the eyes of {listed(names)} are taken to be at the origin of the rigid body, which is in the middle of "
             "its markers if it was not moved: say heads.NAME.eyes_m in [source]"

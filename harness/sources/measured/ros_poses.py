@@ -54,6 +54,8 @@ Times = NDArray[np.int64]
 _FARTHEST_STEPS = 1.5
 _HEAD = re.compile("(?:face|gaze|head)_(?!(?:link|frame)$)(.+)")
 """ROS4HRI's frames of a head, with its ID; ``head_link`` is a robot's."""
+_FACE = re.compile("(?:face|gaze)_.+")
+"""Those of a head whose origin is between the eyes."""
 _NAMELESS = frozenset({"pose", "poses", "pose_stamped", "transform", "transform_stamped", "tf"})
 """Last parts of topics that say what is sent, not of which body."""
 
@@ -118,6 +120,7 @@ class RosPosesClip(MotionCaptureClip):
             numbers=range(1, 1 + every * len(times_ns), every),
             times_ns=times_ns.tolist(),
             poses={name: tree.poses(key, times_ns) for name, key in chosen.items()},
+            faces=frozenset(name for name, key in chosen.items() if _FACE.fullmatch(key)),
             digest=digest_files(files),
             notes=(
                 *losses,

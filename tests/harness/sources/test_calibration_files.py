@@ -800,6 +800,8 @@ def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
         ("c.conf", "fx=1", ": cannot be parsed"),
         ("c.conf", "[STEREO]\nBaseline=120\n", r": .*64 x 48 pixels.*ZED's: "),
         ("c.yaml", "cam0: {camera_model: omni, distortion_model: radtan}", ": .*cam0: model omni-radtan"),
+        ("c.json", '{"mtxL": [1], "kL": 2, "rotMat": 3}', r": mtxL and kL both are K1"),
+        ("c.json", '{"mtxL": [1], "rotMat": 3, "rms": 1}', r": found K1 \(and, not known, rotMat, rms\); expected K1"),
         ("c.yaml", "camera_matrix: 1\nprojection_matrix: 2", ": one camera of ROS; expected the pair"),
     ],
 )

@@ -198,6 +198,7 @@ def test_frames_of_tf_are_bodies_in_one_frame(body: str, forward: list[float], t
     heads = {"anna": {"body": body, "forward": forward}}
     clip = opened(record(tmp_path, humans), heads=heads, bodies=["base_link", "cup"])
     assert (len(clip.frames), [*clip.objects]) == (20, ["base_link", "cup"])
+    assert not any("eyes" in note for note in clip.notes)  # a face's origin is between them
     for step, scene in enumerate(map(clip.scene, clip.frames)):
         (anna,) = scene.people
         assert anna.view.head_pose is not None
