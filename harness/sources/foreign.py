@@ -15,6 +15,7 @@ from vfoa.errors import VfoaError
 
 _ZSTD_SUFFIXES = (".zst", ".zstd")
 _MOST_JSON_BYTES = 2**24
+_RIGID_BODIES = "rigid bodies: the CSV of Motive or Vicon Tracker, or the TSV of QTM's 6DOF data"
 _RECORDINGS = {
     ".svo": (
         "a recording of the ZED's SDK before version 4.1",
@@ -24,7 +25,9 @@ _RECORDINGS = {
     ),
     ".tak": ("a take of Motive", "the CSV of its rigid bodies: Export Tracking Data, as quaternions"),
     ".qtm": ("a measurement of QTM", "the TSV of its 6DOF data: Export to TSV, with header and names of columns"),
-    ".c3d": ("markers in C3D", "rigid bodies: the CSV of Motive or Vicon Tracker, or the TSV of QTM's 6DOF data"),
+    ".c3d": ("markers in C3D", _RIGID_BODIES),
+    ".trc": ("markers in TRC", _RIGID_BODIES),
+    ".bvh": ("a skeleton in BVH", _RIGID_BODIES),
 }
 """By the end of a file's name, what it is, and what can be read in its place."""
 

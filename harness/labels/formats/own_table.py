@@ -24,7 +24,7 @@ from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans, without
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
 from harness.labels.rows import check_ends, check_sequence, check_text
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, listed
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "subject": ("subject", "person", "who", "participant", "participant_name"),
@@ -33,15 +33,18 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "frame": ("frame", "frame_number", "frame_index"),
     "first_frame": ("first_frame", "start_frame", "frame_start"),
     "last_frame": ("last_frame", "end_frame", "frame_end"),
-    "start_s": ("start_s", "start", "start_time", "begin", "begin_time", "start_time_s", "onset", "onset_s"),
-    "end_s": ("end_s", "end", "end_time", "stop", "stop_time", "end_time_s", "offset", "offset_s"),
-    "duration_s": ("duration_s", "duration"),
+    "start_s": (
+        *("start_s", "start", "start_time", "start_time_s", "start_sec"),
+        *("begin", "begin_time", "onset", "onset_s"),
+    ),
+    "end_s": ("end_s", "end", "end_time", "stop", "stop_time", "end_time_s", "end_sec", "offset", "offset_s"),
+    "duration_s": ("duration_s", "duration", "duration_sec"),
     "start_ms": ("start_ms", "start_time_ms", "begin_ms", "onset_ms"),
     "end_ms": ("end_ms", "end_time_ms", "stop_ms", "offset_ms"),
     "duration_ms": ("duration_ms",),
     "start_ns": ("start_ns", "start_timestamp_ns", "start_time_ns"),
     "end_ns": ("end_ns", "end_timestamp_ns", "end_time_ns"),
-    "time_s": ("time_s", "time", "timestamp", "timestamp_s"),
+    "time_s": ("time_s", "time", "time_sec", "timestamp", "timestamp_s"),
     "time_ms": ("time_ms", "timestamp_ms", "recording_timestamp_ms"),
     "time_us": ("time_us", "timestamp_us", "recording_timestamp_us"),
     "time_ns": ("time_ns", "timestamp_ns", "stamp_ns"),
@@ -57,7 +60,7 @@ _PLACES = (
 
 _MS_PER_UNIT = {"start_s": 1000.0, "start_ms": 1.0, "time_s": 1000.0, "time_ms": 1.0, "time_us": 1e-3}
 _CLOCK = re.compile(r"(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:[.,][0-9]+)?)")
-_NUMBER = re.compile(r"-?[0-9]{1,12}(?:\.[0-9]*)?")
+_NUMBER = re.compile(r"-?(?:[0-9]{1,12}(?:\.[0-9]*)?|\.[0-9]+)")
 
 
 class OwnTable(ReadOnly):
@@ -78,7 +81,7 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     """
     (line, header), *lines = rows
     columns, left_out = _columns(header, f"{path}:{line}")
-    place = _place(columns, f"{path}:{line}")
+    place = _place(columns, left_out, f"{path}:{line}")
     if "subject" not in columns and len(exchange.subjects) != 1:
         raise VfoaError(
             f"{path}:{line}: no column of subjects; expected subject, since the clip has "
@@ -198,13 +201,14 @@ def _row(cells: Sequence[str], columns: Mapping[str, int], where: str) -> _Row:
     return where, {**row, "target": NOWHERE} if row["target"].lower() == NOWHERE else row
 
 
-def _place(columns: Mapping[str, int], where: str) -> tuple[str, ...]:
-    """The columns that say where a row holds."""
+def _place(columns: Mapping[str, int], left_out: Sequence[str], where: str) -> tuple[str, ...]:
+    """The columns that say where a row holds; ``left_out`` are those of which it is not known what they say."""
     whole = [place for place in _PLACES if columns.keys() >= {*place}]
     whole = [place for place in whole if "duration" not in place[-1] or len(whole) == 1]
     if len(whole) != 1:
         kinds = "; ".join(" and ".join(place) for place in _PLACES)
-        found = " and of ".join(" and ".join(place) for place in whole) or "none of them"
+        found = " and of ".join(" and ".join(place) for place in whole)
+        found = found or f"none of them (not known: {listed(left_out, 8) or 'none'})"
         raise VfoaError(f"{where}: where a row holds: found {found}; expected the columns of one kind: {kinds}")
     return whole[0]
 

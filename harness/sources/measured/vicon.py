@@ -39,6 +39,8 @@ from harness.sources.measured.motion_capture import (
 from vfoa.errors import VfoaError
 
 _TITLES = ("Objects", "Segments")
+_OTHERS = ("Trajectories", "Model Outputs", "Joints", "Devices")
+"""Sections of Vicon Nexus, which have no rigid bodies."""
 _POSE = ("RX", "RY", "RZ", "RW", "TX", "TY", "TZ")
 _NAME = re.compile(r"(?:Global Angle \([^)]*\) )?(.+)")
 
@@ -56,7 +58,17 @@ class ViconClip(MotionCaptureClip):
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
-        """Recognise a file, or a folder that holds some."""
+        """Recognise a file, or a folder that holds some.
+
+        Raises
+        ------
+        VfoaError
+            If the path is a file of Vicon with other data: markers, joints, analogue signals.
+        """
+        if title := next((title for title in _OTHERS if _has_title(path, (title,))), None):
+            raise VfoaError(
+                f"{path}: found {title} of Vicon; expected Objects: rigid bodies, by Tracker's export with quaternions"
+            )
         return recognised_files(path, _has_title, "objects of Vicon")
 
     @staticmethod
@@ -82,8 +94,8 @@ class ViconClip(MotionCaptureClip):
         )
 
 
-def _has_title(path: Path) -> bool:
-    return any(header_names(path) - {""} == {title} for title in _TITLES)
+def _has_title(path: Path, titles: Sequence[str] = _TITLES) -> bool:
+    return any(header_names(path) - {""} == {title} for title in titles)
 
 
 def _rate_hz(rows: Iterator[tuple[int, list[str]]], path: Path) -> float:

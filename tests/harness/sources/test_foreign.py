@@ -47,7 +47,11 @@ def test_a_recording_of_the_zed_is_named(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "instead"),
-    [("a.tak", "CSV of its rigid bodies"), ("A.QTM", "TSV of its 6DOF data"), ("a.c3d", "rigid bodies")],
+    [
+        ("a.tak", "CSV of its rigid bodies"),
+        ("A.QTM", "TSV of its 6DOF data"),
+        *((name, "rigid bodies") for name in ("a.c3d", "a.trc", "a.bvh")),
+    ],
 )
 def test_motion_capture_that_is_not_exported_is_named(name: str, instead: str, tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=rf"{name}: .*, which is not read; expected .*{instead}"):

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from harness.sources.measured.vicon import ViconClip
+from tests.disk import write_text
 from tests.measured import pose, refusal, vicon_file
+from vfoa.errors import VfoaError
 
 ANNA = {"anna": pose([0.5, 0, 1.6])}
 
@@ -26,6 +28,15 @@ def test_another_section_ends_the_frames_and_a_last_comma_does_not_count(tmp_pat
     path.write_text(path.read_text().replace("1600.000000\n", "1600.000000,\n") + "\nMarkers\n50\n,,anna:1,,\n")
     take = ViconClip.read(path)
     assert ([*take.numbers], [*take.times_ns]) == ([1, 2, 3], [0, 20_000_000, 40_000_000])
+
+
+@pytest.mark.parametrize("title", ["Trajectories", "Joints"])
+def test_other_data_of_vicon_are_named(title: str, tmp_path: Path) -> None:
+    text = f"{title}\n100\n,,anna:LFHD,,\nFrame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n1,0,1,2,3\n"
+    path = write_text(tmp_path / "walk.csv", text)
+    with pytest.raises(VfoaError, match=rf"walk\.csv: found {title} of Vicon; expected Objects"):
+        ViconClip.recognise(path, {})
+    assert ViconClip.recognise(tmp_path, {}) == ()
 
 
 def test_zeros_are_a_lost_object(tmp_path: Path) -> None:
