@@ -69,7 +69,7 @@ def _of_text(text: str, where: str) -> NDArray[np.int64]:
     begins = np.flatnonzero(np.concatenate([[True], is_last[:-1]])) if len(digits) else np.zeros(0, np.intp)
     spans = np.diff(np.append(begins, len(digits)))
     if not len(digits) or not is_last[-1] or spans.max() > _LONGEST or not ((digits >= 0) & (digits < 64)).all():
-        raise VfoaError(f"{where}: counts: found {text[:40]!r}; expected run lengths in COCO's form")
+        raise VfoaError(f"{where}: counts: found {text[:40]!r}; expected run lengths in COCO's compressed form")
     shifts = 5 * (np.arange(len(digits)) - np.repeat(begins, spans))
     lengths = np.add.reduceat((digits & 31) << shifts, begins)
     lengths -= np.where(digits[is_last] & 16, np.int64(1) << (5 * spans), 0)
@@ -86,7 +86,9 @@ def _of_polygon(polygon: Sequence[float], size: tuple[int, int], where: str) -> 
         raise VfoaError(f"{where}: found a polygon of {len(corners)} numbers; expected u, v of three corners or more")
     u, v = corners.reshape(-1, 2).T
     if not (_is_near(u, width) and _is_near(v, height)):
-        raise VfoaError(f"{where}: a polygon reaches far beyond the image of {width} x {height} pixels")
+        raise VfoaError(
+            f"{where}: found a polygon far outside the image; expected corners in its {width} x {height} pixels"
+        )
     crossings = np.zeros((height, width + 1), np.uint8)
     for u0, v0, u1, v1 in zip(u, v, np.roll(u, -1), np.roll(v, -1), strict=True):
         low, high = np.clip(np.ceil(np.sort([v0, v1]) - 0.5), 0, height).astype(np.intp)

@@ -186,8 +186,8 @@ def _read_decimal_commas(path: Path, rows: list[Row]) -> None:
         for cell in filter(_DECIMAL_POINT.fullmatch, cells):
             (first, first_cells), place = commas[0]
             raise VfoaError(
-                f"{path}:{line}: found {cell!r}, and {first_cells[place]!r} in line {first}; expected one decimal sign "
-                "in all numbers, and no sign between thousands"
+                f"{path}:{line}: found {cell!r}, and {first_cells[place]!r} in line {first}; expected one decimal "
+                "separator in all numbers, and none between thousands"
             )
     for (_, cells), place in commas:
         cells[place] = with_decimal_point(cells[place])

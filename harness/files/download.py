@@ -65,7 +65,7 @@ def _alone(partial: Path) -> Iterator[None]:
     """Lock a partial file for this process; two that append to one file would mix their bytes."""
     with partial.open("ab") as file:
         if not take_lock(file):
-            raise VfoaError(f"{partial}: another process downloads this file; wait for it, and try again")
+            raise VfoaError(f"{partial}: another process is downloading this file; wait for it, and try again")
         try:
             yield
         finally:
@@ -99,12 +99,12 @@ def _client(url: str) -> httpx.Client:
         return httpx.Client(follow_redirects=True, timeout=_TIMEOUT_S)
     except (ValueError, httpx.InvalidURL) as error:
         raise VfoaError(
-            f"{url}: not asked for: {first_line(error)}; expected proxies as http://HOST:PORT or socks5://HOST:PORT "
+            f"{url}: not requested: {first_line(error)}; expected proxies as http://HOST:PORT or socks5://HOST:PORT "
             "(ALL_PROXY, HTTPS_PROXY, NO_PROXY)"
         ) from None
     except OSError as error:
         raise VfoaError(
-            f"{url}: not asked for: SSL_CERT_FILE or SSL_CERT_DIR: {error.strerror or error}; expected certificates"
+            f"{url}: not requested: SSL_CERT_FILE or SSL_CERT_DIR: {error.strerror or error}; expected certificates"
         ) from None
 
 
@@ -112,7 +112,7 @@ def _first_byte(response: httpx.Response, url: str, start: int) -> int:
     """The offset in the file at which the answer begins."""
     kind = response.headers.get("Content-Type", "").partition(";")[0].strip().lower()
     if response.is_success and kind in _PAGES:
-        raise VfoaError(f"{url}: answered with a web page ({kind}), as one that asks to log in; expected the file")
+        raise VfoaError(f"{url}: answered with a web page ({kind}), perhaps a login page; expected the file")
     if response.status_code == HTTPStatus.OK:
         return 0
     if start and response.status_code == HTTPStatus.PARTIAL_CONTENT:

@@ -131,7 +131,7 @@ def _encoded(path: Path, content: str | bytes) -> bytes:
         return content.encode() if isinstance(content, str) else content
     except UnicodeEncodeError as error:  # a folder or a file whose name is not text
         near = error.object[max(error.start - 40, 0) : error.end]
-        raise VfoaError(f"{path}: cannot be written: {near!a} is not UTF-8; expected folders whose names are") from None
+        raise VfoaError(f"{path}: cannot be written: {near!a} is not UTF-8; expected names in UTF-8") from None
 
 
 def check_new(path: Path, *, replace: bool, hint: str = "", inputs: Iterable[Path] = ()) -> None:
@@ -153,7 +153,7 @@ def check_new(path: Path, *, replace: bool, hint: str = "", inputs: Iterable[Pat
     """
     _check_plain(path, "write", folders=False)
     if is_file(path) and any(is_file(file) and path.samefile(file) for file in inputs):
-        raise VfoaError(f"{path}: this command reads it and would replace it; expected another file to write")
+        raise VfoaError(f"{path}: this command reads it, and would replace it; expected another output file")
     if path.exists() and not replace:
         raise VfoaError(f"{path}: exists already; expected --replace{hint}")
 

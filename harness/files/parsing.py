@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
 from harness.files.io import read_text
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, first_line
 
 if TYPE_CHECKING:
     import yaml
@@ -144,8 +144,11 @@ def parse_yaml(data: str | bytes, where: object, kind: type[yaml.SafeLoader] | N
         raise VfoaError(f"{where}{line}: not YAML: {getattr(error, 'problem', None) or 'cannot be parsed'}") from None
     except RecursionError:
         raise _too_deep(where) from None
-    except _YAML_DAMAGE:
-        raise VfoaError(f"{where}: not YAML: a value is not of its type") from None
+    except _YAML_DAMAGE as error:
+        problem = f"a value cannot be read as its type: {first_line(error)}"
+        raise VfoaError(
+            f"{where}: not YAML: {problem}; expected quotes around a text that looks like a date or a number"
+        ) from None
     _check(document, where)
     return document
 
@@ -221,7 +224,7 @@ def _text(text: str) -> str:
         try:
             text.encode()
         except UnicodeEncodeError:
-            raise VfoaError(f"{text!a}: not UTF-8; expected a name that is") from None
+            raise VfoaError(f"{text!a}: not UTF-8; expected a name in UTF-8") from None
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 

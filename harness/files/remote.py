@@ -52,7 +52,9 @@ def local_folder(path: str | Path, where: str) -> Path:
         If it is an address; the message begins with ``where``.
     """
     if is_address(str(path)):
-        raise VfoaError(f"{where} {path}: found an address; expected a folder: only clips are read from addresses")
+        raise VfoaError(
+            f"{where} {path}: found an address; expected a folder of this machine: only clips are read from addresses"
+        )
     return Path(path)
 
 
@@ -114,11 +116,11 @@ def _copied(address: str) -> Path:
     storage, root = _storage(address)
     if type(storage) is LocalFileSystem:
         if not Path(root).exists():
-            raise VfoaError(f"{address}: nothing there")
+            raise _absent(address)
         return Path(root)
     files = _files(storage, root, address)
     if not files:
-        raise VfoaError(f"{address}: nothing there")
+        raise _absent(address)
     place = cache_root() / "remote" / hashlib.sha256(address.encode()).hexdigest()[:16]
     place.mkdir(parents=True, exist_ok=True)
     place.chmod(0o700)
@@ -163,7 +165,9 @@ def _files(storage: Any, root: str, address: str) -> dict[str, Mapping[str, Any]
     listing = {path: info for path, info in listing.items() if not path.endswith("/")}  # a folder made in a console
     files = {str(PurePosixPath(path).relative_to(top)): listing[path] for path in sorted(listing)}
     if escaping := next((name for name in files if ".." in PurePosixPath(name).parts), None):
-        raise VfoaError(f"{address}: holds {escaping!r}; expected only names inside it")
+        raise VfoaError(
+            f"{address}: found the file name {escaping!r}, which leads out of the folder; expected names inside it"
+        )
     return {name: info for name, info in files.items() if not any(part.startswith(".") for part in name.split("/"))}
 
 
@@ -178,8 +182,15 @@ def _storage(address: str) -> tuple[Any, str]:
         return fsspec.core.url_to_fs(address)
     except ImportError as error:
         hint = "; for S3: pip install 'vfoa[s3]'" if "s3fs" in str(error) else ""
-        raise VfoaError(f"{address}: no such storage here: {error}{hint}") from None
+        raise VfoaError(f"{address}: this storage needs a package that is not installed: {error}{hint}") from None
     except ValueError as error:
-        raise VfoaError(f"{address}: no such storage: {error}") from None
+        raise VfoaError(
+            f"{address}: unknown storage: {error}; expected an address such as s3://BUCKET/FOLDER or "
+            "https://HOST/FOLDER"
+        ) from None
     except FileNotFoundError:
-        raise VfoaError(f"{address}: nothing there") from None
+        raise _absent(address) from None
+
+
+def _absent(address: str) -> VfoaError:
+    return VfoaError(f"{address}: no such file or folder; expected the address of one that is not empty")

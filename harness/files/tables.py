@@ -244,7 +244,7 @@ def _checked_rows(
         yield line, cells
 
 
-_COMMAS = "; decimal commas need semicolons between cells, and row names (of R) a name in the header"
+_COMMAS = "; decimal commas need semicolons between cells, and row names of R need a column name"
 
 
 def _strict_rows(path: Path, version: str) -> list[Row]:
@@ -262,8 +262,8 @@ def _check_flags(header: Sequence[str], columns: Sequence[str], rows: Sequence[R
     for place, name in enumerate(header):
         if name not in columns and are_booleans(cells[place] for _, cells in rows if place < len(cells)):
             raise VfoaError(
-                f"{where}: the column {name!r} holds True and False, which is not read; expected blank cells in place "
-                "of values that are not valid, and no such column"
+                f"{where}: the column {name!r} holds True and False, which may mark rows that do not count and is not "
+                "read; delete it, and leave the values of such rows blank"
             )
 
 

@@ -189,7 +189,7 @@ class _ConvertedNetwork:
             raise layer.error(f"found {size} bytes at {offset}; expected those of {kind} {list(shape)}")
         if offset + size > len(self._content):
             raise layer.error(
-                f"{self._content_path} is cut: found {len(self._content)} bytes; expected {offset + size} or more"
+                f"{self._content_path} is truncated: found {len(self._content)} bytes; expected {offset + size} or more"
             )
         array = np.frombuffer(self._content[offset : offset + size], _TYPES[kind]).reshape(shape)
         self._constants[self._output(layer)] = _widened(array)

@@ -172,7 +172,7 @@ def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...])
         expected = " or ".join(kind.__name__ for kind in kinds).replace("NoneType", "None")
         raise TypeError(f"returned {type(value).__name__}; expected {expected}")
     if isinstance(value, tuple | list) and not all(isinstance(head, Head) for head in value):
-        raise TypeError(f"returned a {type(value).__name__} that does not hold heads alone")
+        raise TypeError(f"returned a {type(value).__name__} of other values; expected vfoa.Head values alone")
     if isinstance(value, np.ndarray) and (value.dtype != np.uint8 or value.ndim != 3):
         raise TypeError(f"returned an array {value.shape} of {value.dtype}; expected (h, w, 3) of uint8")
     if isinstance(value, int | np.integer) and value <= 0:

@@ -149,11 +149,11 @@ def fetch_model(
     target = cache_directory() / entry.file
     if here and here != target:
         raise VfoaError(
-            f"{here}: not the catalogue's {name} (another checksum), and it would hide the fetched one; "
-            "expected it to be moved away"
+            f"{here}: its checksum is not that of {name} in the catalogue, and it would be used in place of the "
+            "fetched file; move it away"
         )
     if entry.non_commercial and not accept_licence:
-        raise VfoaError(f"{name}: licence: {entry.licence}; expected --accept-licence")
+        raise VfoaError(f"{name}: its licence allows no commercial use: {entry.licence}; expected --accept-licence")
     if entry.openvino is not None:
         from harness.pipeline import openvino_ir
 

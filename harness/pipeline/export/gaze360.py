@@ -20,7 +20,7 @@ import torch
 from torch import nn
 
 from harness.files.io import atomic_write, read_bytes
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, first_line
 from vfoa.gaze.gaze360 import SIDE_PX, SIGNATURE
 from vfoa.onnx import Model, RuntimeSettings
 from vfoa.weights import is_lfs_pointer
@@ -165,7 +165,8 @@ def _read_tensors(checkpoint: Path) -> dict[str, Any]:
         # A checkpoint is a pickle, and a pickle can run any code: here, PyTorch unpickles only tensors
         saved = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except Exception as error:  # the errors of a damaged pickle have no common base class
-        raise VfoaError(f"{checkpoint}: expected a complete PyTorch checkpoint that holds only tensors") from error
+        problem = f"cannot be loaded: {first_line(error)}"
+        raise VfoaError(f"{checkpoint}: {problem}; expected a complete PyTorch checkpoint of tensors alone") from error
     tensors = saved.get("state_dict") if isinstance(saved, dict) else None
     if not isinstance(tensors, dict):
         what = f"the keys {', '.join(map(str, saved))}" if isinstance(saved, dict) else f"a {type(saved).__name__}"

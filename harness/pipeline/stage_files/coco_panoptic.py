@@ -63,7 +63,10 @@ class CocoPanoptic:
         self._stuff = _named_stuff(settings.stuff, self._masks.categories.values(), self._json)
         missing = [number for number in clip.frames if number not in self._masks.files]
         if missing and not settings.partial:
-            raise VfoaError(f"{self._json}: no annotation for frame {missing[0]} ({len(missing)} frames are missing)")
+            raise VfoaError(
+                f"{self._json}: no annotation for frame {missing[0]}; expected one of each frame of the clip "
+                f"({len(missing)} are missing)"
+            )
 
     def segment(self, frame: StereoFrame) -> Instances:
         """Read one frame's masks.
@@ -74,14 +77,14 @@ class CocoPanoptic:
             If the frame has none, its size is not the image's, or it holds ids that are not in the JSON.
         """
         if frame.index not in self._masks.files:
-            raise VfoaError(f"{self._json}: no annotation for frame {frame.index}")
+            raise VfoaError(f"{self._json}: no annotation for frame {frame.index}; expected one of each frame")
         path = self._png / self._masks.files[frame.index]
         segments = self._masks.segments(frame.index)
         ids = _read_ids(path)
         check_size(ids, frame, path, "masks are")
         drawn = set(present_ids(ids).tolist()) - {0}
         if unknown := drawn - {segment.id for segment in segments}:
-            raise VfoaError(f"{path}: holds segment {min(unknown)}, which is not in {self._json.name}'s segments_info")
+            raise VfoaError(f"{path}: found segment {min(unknown)}; expected one of segments_info in {self._json.name}")
         kept = [segment for segment in segments if segment.id in drawn and self._is_wanted(segment)]
         small = {segment.id: self._masks.small[segment.id] for segment in kept}
         return Instances(ids=relabel(ids, small), instances=tuple(self._instance(segment) for segment in kept))

@@ -127,9 +127,9 @@ def test_a_single_file_keeps_its_name(bucket) -> None:
 @pytest.mark.parametrize(
     ("address", "said"),
     [
-        ("memory://nowhere/at/all", "nothing there"),
-        ("nosuch://bucket/clip", "no such storage"),
-        ("zip://clip::file:///nowhere.zip", "nothing there"),
+        ("memory://nowhere/at/all", "no such file or folder"),
+        ("nosuch://bucket/clip", "unknown storage: "),
+        ("zip://clip::file:///nowhere.zip", "no such file or folder"),
     ],
 )
 def test_what_cannot_be_had_is_one_line(address: str, said: str, bucket) -> None:

@@ -315,7 +315,7 @@ _IDS = Instances(ids=np.zeros((3, 4), np.uint16), instances=())
         ("stereo", "match", _MAP, "ValueError: returned a map of (3, 4); expected "),
         ("segmentation", "segment", _IDS, "ValueError: returned a map of (3, 4); expected "),
         ("heads", "detect", None, "TypeError: returned NoneType; expected tuple or list"),
-        ("heads", "detect", (1, 2), "TypeError: returned a tuple that does not hold heads alone"),
+        ("heads", "detect", (1, 2), "TypeError: returned a tuple of other values; expected vfoa.Head values alone"),
         ("gaze", "estimate", (0.0, 0.0, 1.0), "TypeError: returned tuple; expected Gaze or NoGaze or None"),
         ("head_pose", "estimate", Gaze(direction=np.array([0.0, 0, 1])), "returned Gaze; expected HeadPose or None"),
     ],

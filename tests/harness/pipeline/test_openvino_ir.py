@@ -222,5 +222,5 @@ def test_a_layer_that_cannot_be_converted_is_named(
 def test_a_file_of_constants_that_was_cut_is_named(tmp_path: Path) -> None:
     layers, constants = affine().write(tmp_path / "small.xml")
     constants.write_bytes(constants.read_bytes()[:-1])
-    with pytest.raises(VfoaError, match=r"small\.bin is cut: found 7 bytes.*8"):
+    with pytest.raises(VfoaError, match=r"small\.bin is truncated: found 7 bytes.*8"):
         convert(layers, constants)

@@ -231,11 +231,11 @@ class Stranger:
 def test_what_is_not_a_checkpoint_is_refused(checkpoint: Path, tmp_path: Path, refused: Any) -> None:
     path = tmp_path / "file.pth.tar"
     path.write_text("not a checkpoint\n" * 10)
-    assert f"{path}: expected a complete PyTorch checkpoint" in refused(path)
+    assert refused(path).startswith(f"{path}: cannot be loaded: ")
     path.write_bytes(checkpoint.read_bytes()[:-1000])
-    assert f"{path}: expected a complete PyTorch checkpoint" in refused(path)
+    assert refused(path).startswith(f"{path}: cannot be loaded: ")
     torch.save({"state_dict": {}, "optimizer": Stranger()}, path)
-    assert f"{path}: expected a complete PyTorch checkpoint that holds only tensors" in refused(path)
+    assert refused(path).startswith(f"{path}: cannot be loaded: ")
     path.write_text("version https://git-lfs.github.com/spec/v1\n")
     assert f"{path}: a Git LFS pointer" in refused(path)
     torch.save({"epoch": 3, "weights": {}}, path)

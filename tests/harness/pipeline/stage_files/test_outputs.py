@@ -102,7 +102,7 @@ def test_mistakes_in_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Pa
         settings = CocoPanopticSettings(root=_coco(tmp_path / name, **change))
         CocoPanoptic(settings, clip).segment(clip.frame(4))
 
-    with pytest.raises(VfoaError, match=r"frame_0004\.png: .*5, .*panoptic\.json"):
+    with pytest.raises(VfoaError, match=r"frame_0004\.png: .*5; .*panoptic\.json"):
         segment("unknown", segments=[SEGMENTS[0], SEGMENTS[1], SEGMENTS[3]])
     with pytest.raises(VfoaError, match=r"segment 3 .*category_id 2.*16, 187"):
         segment("category", segments=[{"id": 3, "category_id": 2}, *SEGMENTS[1:]])
