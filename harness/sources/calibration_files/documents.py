@@ -105,7 +105,7 @@ class _Loader(yaml.SafeLoader):
 
 
 _MATRICES = ("opencv-matrix", "opencv-nd-matrix")
-_WRONG_SIZE = "an opencv-matrix whose data are not as many numbers as its size says"
+_WRONG_SIZE = "an opencv-matrix whose data do not have rows x cols numbers"
 
 
 def _matrix(loader: _Loader, node: yaml.Node) -> Float:

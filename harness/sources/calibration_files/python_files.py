@@ -140,6 +140,6 @@ def read_json(path: Path) -> Any:
 def _matrix(value: Any, where: str) -> Any:
     if not (isinstance(value, Mapping) and str(value.get("type_id", "")).startswith("opencv-")):
         return value
-    with reported_as(f"{where}: an opencv-matrix whose data are not as many numbers as its size says"):
+    with reported_as(f"{where}: an opencv-matrix whose data do not have rows x cols numbers"):
         shape = value["sizes"] if "sizes" in value else (value["rows"], value["cols"])
         return np.array(value["data"], np.float64).reshape([int(size) for size in shape])

@@ -109,7 +109,9 @@ def _columns(
     else:
         raise VfoaError(f"{path}: no line that begins with Frame; expected a CSV of Motive with its header")
     if len(above) < 3 or any(len(line) != len(axes) for line in above):
-        raise VfoaError(f"{path}: the lines above the frames are not those of Motive: Type, Name, ID, and what it is")
+        raise VfoaError(
+            f"{path}: found other lines above the frames; expected Motive's: Type, Name, ID, the quantity and its axis"
+        )
     found: dict[str, dict[tuple[str, str], int]] = {}
     bones = set()
     for place, (kind, name, *quantity) in enumerate(zip(above[0], above[1], above[-1], axes, strict=True)):

@@ -342,7 +342,9 @@ class _Tree:
                 raise VfoaError(f"{trajectory.where}: found poses in the frames {frames}; expected one")
             (parent,) = trajectory.parents
             if parent in chain:
-                raise VfoaError(f"{trajectory.where}: the frames are in each other: {listed([*chain, parent])}")
+                raise VfoaError(
+                    f"{trajectory.where}: found a loop of frames: {listed([*chain, parent])}; expected a tree"
+                )
             chain.append(parent)
         return chain
 

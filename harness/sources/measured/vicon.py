@@ -113,7 +113,9 @@ def _bodies(rows: Iterator[tuple[int, list[str]]], path: Path) -> tuple[list[str
     line, header = next(rows, (4, [""]))
     unit_line, units = next(rows, (5, []))
     if header[0] != "Frame" or min(len(names), len(units)) < len(header) - 1:
-        raise VfoaError(f"{path}:{line}: the lines above are not those of Vicon Tracker: names, columns, units")
+        raise VfoaError(
+            f"{path}:{line}: found other lines above the frames; expected Vicon Tracker's: names, columns, units"
+        )
     found: dict[str, int] = {}
     for place in (place for place, cell in enumerate(header) if cell == _POSE[0]):
         match = _NAME.fullmatch(names[place].strip())

@@ -70,7 +70,7 @@ def read_blocks(path: Path) -> list[FilmPicture]:
     """
     with reported_as(f"{path}: not a Matroska file"), path.open("rb") as file:
         if _read_vint(file, keep_marker=True) != _EBML:
-            raise ValueError("it does not begin as one")
+            raise ValueError("its first bytes are not those of one")
         file.seek(0)
         return list(_blocks(file, path.stat().st_size, path))
 

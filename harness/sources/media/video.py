@@ -259,7 +259,7 @@ def _readable(path: Path) -> str:
     with suppress(av.FFmpegError, IndexError, OSError), _opened(path) as container:
         coded = container.streams.video[0].codec_context.codec.canonical_name
         film = shlex.join(["ffmpeg", "-i", str(path), "-c:v", "libx264", "-crf", "15", f"{path.stem}.mp4"])
-        return f"another coding than {coded}, which OpenCV does not decode: `{film}`"
+        return f"a codec other than {coded}, which OpenCV does not decode: `{film}`"
     return "a video"
 
 

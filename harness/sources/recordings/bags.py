@@ -118,9 +118,12 @@ def _bound_messages(reader: Any) -> None:
 def _check_connections(reader: Any) -> None:
     """Check names, types, counts and definitions: a bag's metadata is YAML, where they can be anything."""
     for connection in reader.connections:
-        found = connection.topic, connection.msgtype, connection.msgcount
-        if not all(map(isinstance, (*found, connection.msgdef.data), (str, str, int, str))):
-            raise TypeError(f"found the topic {found}; expected a name, a type with a definition, and a whole number")
+        topic, kind, count = connection.topic, connection.msgtype, connection.msgcount
+        if not all(map(isinstance, (topic, kind, count, connection.msgdef.data), (str, str, int, str))):
+            raise TypeError(
+                f"its list of topics is damaged: found {topic!r} of the type {kind!r} with {count!r} messages; "
+                "expected two texts, a number, and the type's definition"
+            )
 
 
 def bag_parts(path: Path) -> tuple[Path, ...]:

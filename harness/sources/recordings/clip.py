@@ -95,8 +95,8 @@ def notes_on_files(places: Sequence[Place], files: Sequence[Path]) -> list[str]:
         if not 0 <= (apart_s := (begin - end) / 1e9) <= _APART_S:
             what = f"{apart_s:.0f} s lie between them" if apart_s > 0 else "both are of the same time"
             notes.append(
-                f"{files[one].name}, {files[other].name}: {what}; recordings of their own are clips of their own: add "
-                "each file"
+                f"{files[one].name}, {files[other].name}: {what}; if these are separate recordings, add each "
+                "file as a clip"
             )
     return notes
 
@@ -118,7 +118,7 @@ def _join_partners(left: Topic, other: Topic, tolerance_ns: int, where: str) -> 
         notes.append(f"{pairs} {_ms(apart_ns)} apart, which tolerance_ms = in [source] would allow")
     first_of_stamp = {place.stamp_ns: place for place in reversed(joined)}
     if twice := len(joined) - len(first_of_stamp):  # a camera takes one image at a time, but a file may contain copies
-        why = "left out (a copy, or a clock that stood)"
+        why = "left out (a copy, or a clock that stopped)"
         notes.append(f"{twice} of {len(joined)} pairs have the stamp of the one before, {why}")
     return {place: joined[place] for place in reversed(first_of_stamp.values())}, notes
 

@@ -154,7 +154,7 @@ def test_a_count_of_messages_that_is_no_number_is_refused(tmp_path: Path, count:
     noted = (path / "metadata.yaml").read_text(encoding="utf-8")
     changed = re.sub(r"message_count: \d+(?=\n    topic_metadata)", f"message_count: {count}", noted)
     write_text(path / "metadata.yaml", changed)
-    with pytest.raises(VfoaError, match=r"take_db3.*: found the topic"):
+    with pytest.raises(VfoaError, match=r"take_db3.*: its list of topics is damaged: found '/.* with .*"):
         open_clip(path)
 
 

@@ -128,7 +128,7 @@ def test_recordings_of_their_own_in_a_folder_are_told(tmp_path: Path, first: int
     """The parts of a recording follow each other: files of different times, or of the same, may be several clips."""
     for name, numbers in (("anna.mcap", range(1, 6)), ("ben.mcap", range(first, first + 5))):
         write_pairs(tmp_path / "day" / name, pairs(numbers))
-    notes = [note for note in McapClip(RecordingSettings(), tmp_path / "day").notes if "of their own" in note]
+    notes = [note for note in McapClip(RecordingSettings(), tmp_path / "day").notes if "separate recordings" in note]
     assert [note.startswith(f"anna.mcap, ben.mcap: {said}") for note in notes] == ([] if said is None else [True])
     (recognised,) = McapClip.recognise(tmp_path / "day", {})
     assert recognised.layout == "an MCAP recording in 2 files"
@@ -338,7 +338,7 @@ def test_a_frame_that_was_recorded_twice_is_one_frame(tmp_path: Path) -> None:
     clip = McapClip(RecordingSettings(), tmp_path / "take")
     assert [clip.time_ns(n) for n in clip.frames] == [stamp(n) for n in range(1, 4)]
     assert np.array_equal(clip.frame(3).right, picture(1003))
-    assert clip.notes[0] == "3 of 6 pairs have the stamp of the one before, left out (a copy, or a clock that stood)"
+    assert clip.notes[0] == "3 of 6 pairs have the stamp of the one before, left out (a copy, or a clock that stopped)"
 
 
 def test_stamps_that_jump_back_are_put_in_order(tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def test_pictures_without_a_board_are_named_and_too_few_are_one_line() -> None:
     blank = np.zeros((48, 64, 3), np.uint8)
     views, dropped, _ = find_views([7], lambda _: (blank, blank), BOARD)
     assert (views, [*dropped]) == ([], [7])
-    with pytest.raises(VfoaError, match=r"0 usable views .*3 \(--columns, --rows"):
+    with pytest.raises(VfoaError, match=r"0 usable views .*3: check --columns and --rows"):
         solve(views, SIZE)
 
 

@@ -317,7 +317,7 @@ def test_recordings_of_their_own_in_one_folder_are_noted(tmp_path: Path) -> None
         with messages(tmp_path, "bag", name) as (_, write):
             for step in range(3):
                 vrpn(write, "anna", start_ns + step * STEP_NS, [0, 0, 1.6])
-    (note,) = (note for note in opened(tmp_path).notes if "recordings of their own" in note)
+    (note,) = (note for note in opened(tmp_path).notes if "separate recordings" in note)
     assert note.startswith("a.bag, b.bag: 3600 s lie between them")
 
 
@@ -388,7 +388,7 @@ def _transform(parent: str, child: str) -> Callable[[Messages], None]:
         ([_pose("/anna/pose", "world", x=np.inf)], {}, "/anna/pose: message 2: found an infinite number"),
         ([_pose("/anna/pose", "map")], {}, "/anna/pose: found poses in the frames 'world', 'map'; expected one"),
         ([_pose("/goal", "map")], {}, "anna is in the frame 'world', goal in 'map'; expected transforms between both"),
-        ([_transform("map", "world"), _transform("world", "map")], {}, "/tf: map: the frames are in each other: "),
+        ([_transform("map", "world"), _transform("world", "map")], {}, "/tf: map: found a loop of frames: "),
         ([], {"frame": "wrold"}, "frame: no coordinate frame 'wrold'; did you mean 'world'?"),
         ([], {"bodies": ["ana"]}, "bodies: no rigid body 'ana'; did you mean 'anna'?"),
         ([], {"heads": {"ben": {}}}, "heads: no rigid body 'ben'; expected one of: anna"),

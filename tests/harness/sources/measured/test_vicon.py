@@ -52,7 +52,7 @@ def test_zeros_are_a_lost_object(tmp_path: Path) -> None:
         ("Objects", "Things", ":1: found 'Things'"),
         ("\n100\n", "\nfast\n", ":2: found 'fast'; expected frames per second"),
         ("RX,RY,RZ,RW,", "RX,RY,RZ,", ":4: anna: found RX,RY,RZ,TX,TY,TZ; expected RX,RY,RZ,RW,TX,TY,TZ"),
-        ("Frame,", "Number,", ":4: the lines above are not those of Vicon Tracker"),
+        ("Frame,", "Number,", ":4: found other lines above the frames; expected Vicon Tracker's"),
         ("RX,", "X,", ":4: no object"),
         (",mm,mm,mm", ",m,m,m", ":5: anna: found the unit 'm'; expected mm"),
         ("\n2,0,0.000000", "\n2,0,0.300000", ":7: anna: found a quaternion of length 1.04"),
