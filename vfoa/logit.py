@@ -107,7 +107,10 @@ class LogitWeights(Settings):
                 counts = [len(getattr(weights, cue)) for cue in LOGIT_CUES]
                 if counts != [scales * (row in rows) for row in range(len(LOGIT_CUES))]:
                     cues = ", ".join(LOGIT_CUES[row] for row in rows)
-                    raise ValueError(f"{smoothing}.{case}: expected {scales} weights of {cues} and of no other cue")
+                    found = ", ".join(f"{cue} {count}" for cue, count in zip(LOGIT_CUES, counts, strict=True))
+                    raise ValueError(
+                        f"{smoothing}.{case}: expected {scales} weights of {cues} and of no other cue, found {found}"
+                    )
         return self
 
 

@@ -100,7 +100,9 @@ def score(
         raise VfoaError(f"score: answers: found {len(predicted)}; expected {len(labels)}, one for each label")
     counts = (labels != "") & (labels != IGNORED)
     if not counts.any():
-        raise VfoaError(f"score: truth: none of {len(labels)} frames counts; expected names of targets, or {NOWHERE!r}")
+        raise VfoaError(
+            f"score: truth: all {len(labels)} labels are empty or {IGNORED!r}; expected targets' names, or {NOWHERE!r}"
+        )
     labels, predicted, is_given = labels[counts], predicted[counts], (predicted != "")[counts]
     correct, is_nowhere = labels == predicted, labels == NOWHERE
     targets, nowhere = share(correct[~is_nowhere]), share(correct[is_nowhere])
@@ -156,9 +158,7 @@ def _worth(
         names.append(NOWHERE)
         values = np.append(values, np.maximum(1 - values.sum(axis=1, keepdims=True), 0), axis=1)
     if unknown := sorted(set(predicted[is_given].tolist()) - set(names)):
-        raise VfoaError(
-            f"score: probabilities: found none of the answer {unknown[0]!r}; expected those of every answer"
-        )
+        raise VfoaError(f"score: probabilities: no column of the answer {unknown[0]!r}; expected one of each answer")
     columns = np.array(names)
     is_true, is_predicted = columns == labels[:, None], columns == predicted[:, None]
     values = np.where(is_given[:, None], values, 0)

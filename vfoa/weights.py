@@ -28,9 +28,7 @@ def platform_cache() -> Path:
     with suppress(RuntimeError):
         folder = Path(platformdirs.user_cache_dir("vfoa"))
     if not folder.is_absolute():  # early versions leave the sign for the home as it is
-        raise VfoaError(
-            "the user has no home directory, where the cache would be; expected HOME or XDG_CACHE_HOME to name a folder"
-        )
+        raise VfoaError("no home directory for the cache; set HOME or XDG_CACHE_HOME to a folder")
     return folder
 
 
