@@ -367,7 +367,7 @@ class JournaledStore(ABC, Generic[Content]):
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             place = self._journal.path if self._journal else self.path
             hint = "move the journal away to continue"
-            raise VfoaError(f"{place}:{line} not a change of this clip: {error!r}; {hint}") from None
+            raise VfoaError(f"{place}:{line} found no valid change of this clip ({error!r}); {hint}") from None
 
     def _take_over(self, content: Content) -> None:
         """Begin anew with the content of the file."""

@@ -71,9 +71,9 @@ def check_clips(
 def export_clip(
     clip: Clip,
     to: Annotated[Path, typer.Argument(metavar="FOLDER|FILM", help="New folder; or a film (.mp4) of the left view.")],
-    right: Annotated[bool, typer.Option("--right", help="The right images, too.")] = False,
-    jpeg: Annotated[bool, typer.Option("--jpg", help="JPEG (quality 95) in place of PNG.")] = False,
-    limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Only the first N frames.")] = None,
+    right: Annotated[bool, typer.Option("--right", help="Also write the right images.")] = False,
+    jpeg: Annotated[bool, typer.Option("--jpg", help="Write JPEG (quality 95), not PNG.")] = False,
+    limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Write only the first N frames.")] = None,
 ) -> None:
     """Write the rectified images as files named by frame, and the camera: masks, faces and disparities are of them.
 
@@ -99,13 +99,13 @@ def export_clip(
     say(f"{to}: {len(frames)} frames, {frames[0]} to {frames[-1]}, rectified")
 
 
-@app.command(name="fetch", short_help="Download clips: MPI Sintel, or real people of three sources.")
+@app.command(name="fetch", short_help="Download clips: MPI Sintel, people, or stereo pictures.")
 def fetch_clips(
     source: Annotated[
         str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel, idiap_vfoa, vr_objects or opencv_stereo.")
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIRECTORY", help="The folder; $VFOA_DATA/SOURCE if not given.")
+        Path | None, typer.Option(metavar="DIRECTORY", help="Folder to fetch into. Default: $VFOA_DATA/SOURCE.")
     ] = None,
 ) -> None:
     """Download clips from their original sites. An interrupted download resumes.

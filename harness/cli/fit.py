@@ -26,15 +26,13 @@ def fit(
             autocompletion=experiment_and_clip_names,
         ),
     ],
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The file to write; NAME-fitted.toml if not given.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="File to write. Default: NAME-fitted.toml.")] = None,
     config: Annotated[
         str | None,
         typer.Option(
             "--config",
             metavar="CONFIGURATION",
-            help="The configuration to fit; the first logit, else the first one.",
+            help="Configuration to fit. Default: the first with a logit, else the first.",
             autocompletion=configuration_names,
         ),
     ] = None,

@@ -63,7 +63,7 @@ def view(
         inputs = [folder, *RunDirectory(folder).inputs]
         check_new(screenshot, replace=replace, hint=", or another --screenshot", inputs=inputs)
         if screenshot.suffix.lower() != ".png":
-            raise VfoaError(f"--screenshot: {screenshot}: expected a file .png")
+            raise VfoaError(f"--screenshot {screenshot}: found the suffix {screenshot.suffix!r}; expected .png")
     if compare is None:
         recordings = find_recordings(folder, clip, config, subject)
     else:

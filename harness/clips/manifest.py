@@ -81,7 +81,9 @@ class ClipManifest(Settings):
             if name in RESERVED:
                 raise ValueError(f"found the name {name!r}; expected a word other than {' and '.join(RESERVED)}")
             if is_automatic(name):
-                raise ValueError(f"found the name {name!r}, as objects without one are called; expected no #NUMBER")
+                raise ValueError(
+                    f"found the name {name!r}, the form of unnamed objects; expected a name without #NUMBER"
+                )
             check_name(name)
         return rules
 
@@ -101,7 +103,7 @@ class ClipManifest(Settings):
     def _distinct_names(self) -> Self:
         if both := sorted(self.subjects.keys() & self.targets.keys()):
             raise ValueError(
-                f"targets.{both[0]}: a subject has this name, and is a target by it; expected another name"
+                f"targets.{both[0]}: a subject has this name, and is a target under it already; expected another name"
             )
         keys: dict[str, str] = {}
         for name, rule in (*self.targets.items(), *self.subjects.items()):

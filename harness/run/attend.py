@@ -331,8 +331,8 @@ def _changed(plain: Mapping[str, Any], changes: Mapping[str, Any], configuration
     for dotted in changes:
         if dotted.partition(".")[0] not in CHANGEABLE:
             raise VfoaError(
-                f"attend: {dotted}: expected settings of {' and '.join(CHANGEABLE)}, which decide nothing that is "
-                "perceived; run the experiment with this one"
+                f"attend: {dotted}: expected settings of {' and '.join(CHANGEABLE)}, which need no images; to change "
+                "another one, run the experiment with it"
             )
     tables = _tables_of(plain, ("tracking", *CHANGEABLE), f"attend: {configuration}")
     for table, changed in dotted_tables(changes.items(), CHANGEABLE, "attend").items():
@@ -340,5 +340,7 @@ def _changed(plain: Mapping[str, Any], changes: Mapping[str, Any], configuration
         tables[table] = changed if is_other else {**tables[table], **changed}
     method = tables["attention"]["method"]
     if method in METHODS_OF_CLIP:
-        raise VfoaError(f'attend: {configuration}: attention.method = "{method}" reads the clip; run the experiment')
+        raise VfoaError(
+            f'attend: {configuration}: attention.method = "{method}" needs the clip; run the experiment with it'
+        )
     return read_steps(tables, None, f"attend: {configuration}")[1]

@@ -296,7 +296,7 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
     first, second = list(first), list(second)
     seeds = {scored.seeds for scored in (*first, *second)}
     if len(seeds) > 1:
-        raise VfoaError(f"found runs under {min(seeds)} and under {max(seeds)} seeds; expected as many in both")
+        raise VfoaError(f"found runs under {min(seeds)} and under {max(seeds)} seeds; expected the same number in both")
     (repeats,) = seeds or {1}
     others = {(scored.clip, scored.subject): scored for scored in second}
     clips: dict[str, int] = {}

@@ -247,7 +247,10 @@ class Exchange:
         for subject in labels.subjects:
             added = {*filled.of(subject)} - {*labels.of(subject)}
             if frames := sum(len(self.positions(row)) for row in added):
-                notes.append(f"{path}: {subject}: {frames} frames between labels have none: {self.gaps!r}.")
+                notes.append(
+                    f"{path}: {subject}: {frames} frames between labels have no label and "
+                    f"become {self.gaps!r} (--gaps)."
+                )
         return Imported(labels=filled, notes=tuple(notes))
 
 

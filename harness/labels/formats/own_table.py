@@ -291,7 +291,7 @@ def _check_milliseconds(rows: Sequence[_Row], place: Sequence[str], exchange: Ex
     if _LEAST_SHARE <= last / max(end_s, 1) <= _MOST_SHARE:
         raise VfoaError(
             f"{path}: {' and '.join(place)}: found {pointed[0]!r}, and times that reach {last:g} ms of a clip of "
-            f"{end_s:g} s; expected milliseconds without a sign between thousands, or columns in seconds"
+            f"{end_s:g} s; expected milliseconds without a thousands separator, or columns in seconds"
         )
 
 

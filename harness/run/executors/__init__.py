@@ -46,7 +46,7 @@ MOST_THREADS = 4
 ATTEMPTS = 3
 """Number of times that a job may kill its worker."""
 
-GIVEN_UP = f"its worker process died {ATTEMPTS} times over"
+GIVEN_UP = f"its worker process died {ATTEMPTS} times"
 
 
 class Executor(Protocol):

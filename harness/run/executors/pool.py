@@ -224,7 +224,7 @@ def _how_it_died(code: int) -> str:
     if code >= 0:
         return f"ended with exit code {code}"
     name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
-    hint = ", as a system does that runs out of memory: fewer --workers need less" if code == -signal.SIGKILL else ""
+    hint = ", perhaps for lack of memory: use fewer --workers" if code == -signal.SIGKILL else ""
     return f"killed by {name}{hint}"
 
 
@@ -298,7 +298,7 @@ def _end_with_parent() -> None:
 def _in_worker(work: Work[Job, Result], job: Job) -> Result:
     pipe, stop = _sender, _stop
     if pipe is None or stop is None:
-        raise AssertionError("the worker was not started by a pool")
+        raise AssertionError("_begin has not run in this worker process")
 
     def progress(word: str) -> None:
         if word != GOES_ON:

@@ -284,7 +284,7 @@ def _vfoa(monkeypatch, *arguments: str) -> int:
 
 def test_a_screenshot_is_a_png(tmp_path, monkeypatch, capsys):
     assert _vfoa(monkeypatch, "view", str(tmp_path / "a.rrd"), "--screenshot", str(tmp_path / "a.txt")) == 2
-    assert "a.txt: expected a file .png" in capsys.readouterr().err
+    assert "a.txt: found the suffix '.txt'; expected .png" in capsys.readouterr().err
 
 
 def test_a_screenshot_replaces_no_file_unasked(tmp_path, monkeypatch, capsys):

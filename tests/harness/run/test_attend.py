@@ -153,7 +153,7 @@ def _opens_no_clip(*_: object) -> Clip:
     [
         ({"stereo.matcher": "bm"}, "attend: stereo.matcher: expected settings of attention and gaze_filter, which"),
         ({"attention.cones": [1]}, "attend: cones: unknown key 'attention.cones'; did you mean 'cones_cm'?"),
-        ({"attention.method": "answers"}, 'attend: cones: attention.method = "answers" reads the clip; run the'),
+        ({"attention.method": "answers"}, 'attend: cones: attention.method = "answers" needs the clip; run the'),
     ],
 )
 def test_what_scenes_do_not_have_is_one_line(images: Finished, changes: dict[str, Any], message: str) -> None:

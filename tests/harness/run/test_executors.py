@@ -117,7 +117,7 @@ def test_a_job_that_kills_every_worker_is_given_up_alone(tmp_path: Path) -> None
     with executor(2) as pool:
         outcomes = list(pool.run(tasks.die, [tmp_path / n for n in ("a", "deadly", "b")], lambda word: None, _give_up))
     before_advice = [each.partition(",")[0] for each in outcomes]
-    assert before_advice == ["a", "deadly: its worker process died 3 times over: killed by SIGKILL", "b"]
+    assert before_advice == ["a", "deadly: its worker process died 3 times: killed by SIGKILL", "b"]
 
 
 def test_workers_that_die_at_their_start_are_not_awaited_forever(
@@ -134,7 +134,7 @@ def test_workers_that_die_at_their_start_are_not_awaited_forever(
     with executor(2) as pool:
         outcomes = list(pool.run(tasks.die, [tmp_path / "a", tmp_path / "b"], lambda word: None, _give_up))
     assert [each.partition(":")[0] for each in outcomes] == ["a", "b"]
-    assert all("died 3 times over: ended with exit code 1" in each for each in outcomes)
+    assert all("died 3 times: ended with exit code 1" in each for each in outcomes)
 
 
 def test_a_pool_is_broken_from_the_death_of_a_process_on() -> None:

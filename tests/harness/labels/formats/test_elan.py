@@ -115,7 +115,7 @@ def test_frames_without_a_label_are_filled_and_counted(tmp_path: Path, gaps: str
     )
     imported = Elan().read(path, exchange(gaps=gaps))
     assert imported.labels.ranges == (row(1, 2, "bird"), filled, row(6, 6, "cup"))
-    assert imported.notes[0] == f"{path}: girl: 3 frames between labels have none: {gaps!r}."
+    assert imported.notes[0] == f"{path}: girl: 3 frames between labels have no label and become {gaps!r} (--gaps)."
     assert "1 labels hold no frame of the clip and are left out, the first at" in imported.notes[1]
     assert "9.000 to 9.100 s" in imported.notes[1]
 

@@ -124,7 +124,7 @@ MINUTE = PlainClip(frames=range(1, 1501))
         ("subject,target,start,end\ngirl,bird,1,100\ngirl,cup,101,1490\n", "first_frame and last_frame"),
         ("subject,target,time\ngirl,bird,40\ngirl,cup,50000\n", "time_ms"),
         ("subject,target,time\ngirl,bird,1\ngirl,cup,1500\n", "called frame"),
-        ("subject;target;start_ms;end_ms\ngirl;bird;0;1.040\ngirl;cup;4.000;59.000\n", "sign between thousands"),
+        ("subject;target;start_ms;end_ms\ngirl;bird;0;1.040\ngirl;cup;4.000;59.000\n", "thousands separator"),
         ("subject,target,start_ms,end_ms\ngirl,bird,0,4.5\ngirl,cup,4.5,59\n", "columns in seconds"),
     ],
 )
