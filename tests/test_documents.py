@@ -18,6 +18,7 @@ from harness.cli import app
 from harness.files.folders import names
 from harness.pipeline.settings_reference import setting_keys
 from harness.run.tables import TABLES
+from harness.score.verdicts import ERROR_TYPES
 from scripts.pictures import PICTURES
 from scripts.quoted_figures import renewed
 from scripts.site_pages import columns_page, commands_page, settings_page
@@ -136,6 +137,12 @@ def test_the_page_of_columns_has_every_column_of_the_tables_of_frames() -> None:
     assert [
         (name, key) for name, columns in TABLES.items() for key in columns if f"| `{key}` |" not in sections[name]
     ] == []
+
+
+def test_the_page_of_statistics_has_every_error_type_in_their_order() -> None:
+    page = (REPOSITORY / "docs/concepts/statistics.md").read_text(encoding="utf-8")
+    section = page.partition("## Error types")[2].partition("\n## ")[0]
+    assert re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE) == [*ERROR_TYPES]
 
 
 def test_every_picture_is_drawn_by_the_committed_script() -> None:

@@ -255,11 +255,11 @@ def _next_steps(clips: Sequence[Added]) -> Iterator[str]:
 
     added, names = clips[0], shlex.join(clip.name for clip in clips)
     if not added.subjects:
-        yield "missing for a table: people who look, things looked at, labels of who looks at what"
-        yield "next: the same command with names: people from left to right, things by the segmenter's category"
+        yield "missing for a table: people who look, objects they look at, labels of who looks at what"
+        yield "next: the same command with names: people from left to right, objects by the segmenter's category"
         yield f"      {shlex.join(['vfoa', *sys.argv[1:]])} --subject anna --target mug=cup"
         return
-    objects = "" if added.targets else "things looked at (key `t` of `vfoa annotate` adds one), "
+    objects = "" if added.targets else "objects they look at (key `t` of `vfoa annotate` adds one), "
     yield f"missing for a table: {objects}labels of who looks at what"
     yield f"next: vfoa clips check {names}"
     if added.rig is None:  # there is nothing to see on the labelling page

@@ -1,4 +1,4 @@
-"""People who look at ten things in a virtual room (github.com/ischtz/jov2023-vr-objects; read, not used).
+"""People who look at ten objects in a virtual room (github.com/ischtz/jov2023-vr-objects; read, not used).
 
 Schuetz, Baltaretu and Fiehler, Journal of Vision 24(7):10, 2024, MIT. One session of one person is a folder::
 
@@ -126,7 +126,7 @@ class VrObjectsClip(FramesOfMeasurements):
             Recognised(
                 root=path,
                 source={},
-                layout="a session of vr-objects: head, true gaze and boxes of things",
+                layout="a session of vr-objects: head, true gaze and boxes of objects",
                 name="_".join((path.parent.parent.name, f"p{path.parent.name}")),
                 calibration="not needed",
                 licence="MIT",
