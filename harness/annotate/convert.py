@@ -212,7 +212,7 @@ def predicted_labels(records: ClipRecords, names: Collection[str]) -> Imported:
 
     Parameters
     ----------
-    found
+    records
         The results of one clip and configuration. With probabilities, the note of a range has their mean over its
         frames. For a method that can answer ``none``, a frame without a focus is that answer; for others, it has no
         prediction.
