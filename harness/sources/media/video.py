@@ -26,8 +26,9 @@ from vfoa.types import Image
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 import cv2
 
-_RAW_SUFFIXES = frozenset({".h264", ".264", ".h265", ".265", ".hevc"})
+_RAW_SUFFIXES = frozenset({".h264", ".264", ".h265", ".265", ".hevc", ".mjpeg", ".mjpg"})
 """Of streams as an encoder gives them (Raspberry Pi), which hold no times."""
+_JPEG = b"\xff\xd8\xff"
 VIDEO_SUFFIXES = _RAW_SUFFIXES | {
     *(".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".asf", ".flv", ".3gp", ".mxf"),
     *(".ts", ".mts", ".m2ts"),  # .mts: AVCHD, of camcorders
@@ -195,9 +196,18 @@ class _Index:
     notes: tuple[str, ...]
 
 
+def _without_times(path: Path, found: str) -> VfoaError:
+    """The error of a stream that no container gives times, with the command that does."""
+    film = shlex.join(["ffmpeg", "-r", "RATE", "-i", str(path), "-c", "copy", f"{path.stem}.mp4"])
+    return VfoaError(f"{path}: {found}; expected a film: `{film}`")
+
+
 def _indexed(path: Path) -> _Index:
     """Find out what a file holds: its packets are read, and some of its frames decoded."""
     capture = _open(path)
+    with path.open("rb") as file:
+        if file.read(len(_JPEG)) == _JPEG:  # FFmpeg gives these the times of 25 frames per second
+            raise _without_times(path, "a raw stream of JPEG pictures, which have no times")
     size_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
     if size_px[0] * size_px[1] > MOST_PIXELS:
         raise VfoaError(f"{path}: {too_many_pixels(*size_px)}")
@@ -206,8 +216,7 @@ def _indexed(path: Path) -> _Index:
     if not stamps:
         raise VfoaError(f"{path}: no frame can be read; expected {_readable(path) if packets else 'a video'}")
     if len(stamps) > 1 and len(set(stamps)) == 1:
-        film = shlex.join(["ffmpeg", "-r", "RATE", "-i", str(path), "-c", "copy", f"{path.stem}.mp4"])
-        raise VfoaError(f"{path}: its {len(stamps)} frames have no times (a raw stream?); expected a film: `{film}`")
+        raise _without_times(path, f"its {len(stamps)} frames have no times (a raw stream?)")
     stated, claimed = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     times_ns, untimed = _ascending(stamps, stated)
     span_s = (times_ns[-1] - times_ns[0]) / 1e9

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 
@@ -81,13 +82,19 @@ def test_the_last_picture_of_mpeg_has_a_time_although_the_file_gives_none(tmp_pa
 
 
 @pytest.mark.parametrize("named", [False, True])
-def test_a_raw_stream_has_no_times_and_is_told_what_to_do(tmp_path: Path, named: bool) -> None:
+@pytest.mark.parametrize("suffix", ["h264", "mjpeg", "avi"])
+def test_a_raw_stream_has_no_times_and_is_told_what_to_do(tmp_path: Path, suffix: str, named: bool) -> None:
+    """FFmpeg makes up the times of JPEG pictures that follow each other, whatever the file is called."""
     for side in ("left", "right"):
-        write_coded(tmp_path / f"{side}.h264", IMAGES[:10], {"bf": "0"}, form="h264")
-    with pytest.raises(VfoaError, match=r"left\.h264: its 10 frames have no times \(a raw stream\?\)") as error:
-        Video(tmp_path / "left.h264") if named else find_layouts(tmp_path)
+        path = tmp_path / f"{side}.{suffix}"
+        if suffix == "h264":
+            write_coded(path, IMAGES[:10], {"bf": "0"}, form="h264")
+        else:
+            path.write_bytes(b"".join(cv2.imencode(".jpg", image)[1].tobytes() for image in IMAGES[:10]))
+    with pytest.raises(VfoaError, match=rf"left\.{suffix}: .*no times") as error:
+        Video(tmp_path / f"left.{suffix}") if named else find_layouts(tmp_path)
     command = shlex.split(str(error.value).split("`")[1].replace("RATE", "25"))
-    assert command == ["ffmpeg", "-r", "25", "-i", str(tmp_path / "left.h264"), "-c", "copy", "left.mp4"]
+    assert command == ["ffmpeg", "-r", "25", "-i", str(tmp_path / f"left.{suffix}"), "-c", "copy", "left.mp4"]
 
 
 @pytest.mark.parametrize(
