@@ -24,7 +24,7 @@ def matched_offsets_px(left: Image, right: Image) -> Float:
     second best (Lowe's ratio). Both images have the same size.
     """
     factor = _factor(left)
-    points = _matched(*(_features(_shrunk_gray(image, factor)) for image in (left, right)))
+    points = _matched(_features(_shrunk_gray(left, factor)), _features(_shrunk_gray(right, factor)))
     return factor * (points[:, 0] - points[:, 1])
 
 
@@ -41,19 +41,32 @@ def _features(gray: NDArray[np.uint8], most: int = 2000) -> _Features:
     return np.array([point.pt for point in points], np.float64).reshape(-1, 2), found
 
 
-def _matched(left: _Features, right: _Features) -> Float:
-    """Places (N, 2, 2) of the features that are found in both images, in the left and in the right one."""
+def _matched(left: _Features, right: _Features, within: NDArray[np.bool_] | None = None) -> Float:
+    """Places (N, 2, 2) of the features that are found in both images, in the left and in the right one.
+
+    ``within`` (H, W) are the pixels of the left image whose features are matched; None: all.
+    """
     (places_left, found_left), (places_right, found_right) = left, right
     if found_left is None or found_right is None or min(len(found_left), len(found_right)) < 2:
         return np.empty((0, 2, 2))
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
-    back = {match.queryIdx: match.trainIdx for (match,) in matcher.knnMatch(found_right, found_left, k=1)}
+    columns, rows = places_left.astype(int).T
+    asked = np.arange(len(found_left)) if within is None else np.flatnonzero(within[rows, columns])
+    there = _nearest(found_left[asked], found_right, 2)
+    clear = [
+        (int(asked[best.queryIdx]), best.trainIdx) for best, second in there if best.distance < 0.7 * second.distance
+    ]
+    back = _nearest(found_right[[place for _, place in clear]], found_left, 1)
     pairs = [
-        (places_left[best.queryIdx], places_right[best.trainIdx])
-        for best, second in matcher.knnMatch(found_left, found_right, k=2)
-        if best.distance < 0.7 * second.distance and back[best.trainIdx] == best.queryIdx
+        (places_left[one], places_right[other])
+        for (one, other), (match,) in zip(clear, back, strict=True)
+        if match.trainIdx == one
     ]
     return np.array(pairs, dtype=np.float64).reshape(-1, 2, 2)
+
+
+def _nearest(of: cv2.typing.MatLike, among: cv2.typing.MatLike, count: int) -> Sequence[Sequence[cv2.DMatch]]:
+    """The nearest descriptors of each, the best first."""
+    return cv2.BFMatcher(cv2.NORM_L2).knnMatch(of, among, k=count) if len(of) else ()
 
 
 def _shrunk_gray(image: Image, factor: int) -> NDArray[np.uint8]:
@@ -232,10 +245,9 @@ class MovingRows:
         """The row differences (N,) of points that move, in left views and the right ones so many frames later."""
         found = []
         for place in _LEFTS:
-            points = _matched(self._features(place, 0), self._features(place + by, 1))
-            columns, rows = points[:, 0].astype(int).T
-            moved = _moved(self._grays[place - 1][0], self._grays[place + 1][0])[rows, columns]
-            found.append(np.abs(points[:, 0, 1] - points[:, 1, 1])[moved])
+            moved = _moved(self._grays[place - 1][0], self._grays[place + 1][0])
+            points = _matched(self._features(place, 0), self._features(place + by, 1), moved)
+            found.append(np.abs(points[:, 0, 1] - points[:, 1, 1]))
         return np.concatenate(found)
 
 

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from harness.cli.clips import app
 from harness.clips.check import check_clip, depth_notes
+from harness.clips.manifest import load_manifest
 from harness.sources import ADAPTERS, Recogniser
 from tests.disk import HEIGHT, WIDTH, write_image, write_text
 from tests.harness.clips.adding import (
@@ -288,9 +289,7 @@ def test_targets_that_no_model_knows_are_to_be_drawn(tmp_path: Path) -> None:
 def test_the_real_set_is_added(shared_data: Path) -> None:
     added = vfoa("add", shared_data / "sintel", "--name", "again")
     assert (added["frames"], added["rate_hz"], added["rig"]["fx_px"]) == (50, 24.0, 896.0)
-    (checked,) = vfoa("check", "again")
-    assert checked["problems"] == []
-    assert np.isfinite(checked["vertical_error_px"])
+    assert load_manifest("again").source == load_manifest("sintel_bandage_2").source  # which test_clips_cli checks
 
 
 @pytest.mark.parametrize(("depth_m", "noted"), [(0.2, True), (2.0, False)])

@@ -85,7 +85,7 @@ def _rows(frames: Sequence[StereoFrame]) -> MovingRows:
     return MovingRows([(frame.left, frame.right) for frame in frames[:ROWS_FRAMES] if frame.right is not None])
 
 
-@pytest.mark.parametrize("late", [-2, -1, 0, 1, 2])
+@pytest.mark.parametrize("late", [-2, 0, 1])  # -1 and 2: the real views below
 def test_what_moves_as_fast_in_each_frame_is_told_by_its_rows(late: int) -> None:
     frames = _frames(_poster(1, (2, 3)), late)[:ROWS_FRAMES]
     assert right_offset(motion(frames), 7) is None
