@@ -77,11 +77,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz")
 
 
-@pytest.fixture(autouse=True)
-def _no_waiting_for_disks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "fsync", lambda file: None)
-
-
 @pytest.mark.parametrize("parser", PARSERS, ids=lambda each: each.name)
 def test_an_almost_right_file_is_read_or_refused_in_one_line(parser: Parser, folder: Path) -> None:
     whole = parser.corpus(folder / parser.folder / "made")
