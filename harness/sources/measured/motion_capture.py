@@ -43,11 +43,12 @@ _LEFT_FROM_ROOM: Mapping[Up, Float] = {
 class WornBody(Settings):
     """A rigid body, or a bone of a skeleton, that moves with somebody's head.
 
-    ``body`` is its name in the file; without it, it has the person's. In its own axes, ``forward`` is where the face
-    points, and ``eyes_m`` the point between the eyes, from the body's origin.
+    ``body`` is its name in the file; without it, it has the person's. Of several names, each frame has the first body
+    that is known there: some trackers give a face a new name each time they find it. In its own axes, ``forward`` is
+    where the face points, and ``eyes_m`` the point between the eyes, from the body's origin.
     """
 
-    body: str | None = None
+    body: str | tuple[str, ...] | None = None
     forward: Metres = (0.0, 0.0, 1.0)
     eyes_m: Metres = (0.0, 0.0, 0.0)
 
@@ -57,6 +58,10 @@ class WornBody(Settings):
         if not any(forward):
             raise ValueError(f"found {[*forward]}; expected a direction")
         return forward
+
+    def names(self, person: str) -> tuple[str, ...]:
+        """Return the names of the bodies that a person wears."""
+        return (self.body,) if isinstance(self.body, str) else self.body or (person,)
 
 
 class MotionCaptureSettings(MeasuredSettings):
@@ -105,27 +110,33 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
         path = (root if root is not None else Path.cwd()) / settings.file
         take = self._take(path, settings)
         worn = _worn(settings, take, path)
-        things = [name for name in take.poses if name not in {*worn.values(), *take.bones}]
+        of_people = {name: _first_known([take.poses[body] for body in bodies]) for name, bodies in worn.items()}
+        not_things = take.bones.union(*worn.values())
+        things = {name: poses for name, poses in take.poses.items() if name not in not_things}
         for name in settings.sizes_m:
             check_known(name, things, f"{path}: sizes_m: no rigid body")
         self._forward = {name: unit(head.forward) for name, head in settings.heads.items()}
-        moving = {name: _in_camera_axes(take.poses[name], settings.up) for name in {*worn.values(), *things}}
-        self._rotations = {name: dict(zip(take.numbers, moving[body][0], strict=True)) for name, body in worn.items()}
+        heads, objects = (
+            {name: _in_camera_axes(poses, settings.up) for name, poses in moving.items()}
+            for moving in (of_people, things)
+        )
+        self._rotations = {name: dict(zip(take.numbers, turns, strict=True)) for name, (turns, _) in heads.items()}
         frames = {
             number: MeasuredFrame(
                 time_ns=time_ns,
                 people=tuple(
-                    _TrackedPerson(name, settings.heads[name], *(of_all[place] for of_all in moving[body]))
-                    for name, body in worn.items()
+                    _TrackedPerson(name, settings.heads[name], rotations[place], places_m[place])
+                    for name, (rotations, places_m) in heads.items()
                 ),
                 objects=tuple(
-                    _TrackedObject(name, settings, *(of_all[place] for of_all in moving[name])) for name in things
+                    _TrackedObject(name, settings, rotations[place], places_m[place])
+                    for name, (rotations, places_m) in objects.items()
                 ),
             )
             for place, (number, time_ns) in enumerate(zip(take.numbers, take.times_ns, strict=True))
         }
         super().__init__(frames, settings.fixed_objects(), settings, str(path), take.digest or file_digest(path))
-        lost = _lost({**worn, **{name: name for name in things}}, take)
+        lost = _lost({**of_people, **things}, len(take.numbers))
         self.notes = (*take.notes, *lost, *_notes_on_eyes(settings, worn, take))
 
     def forward(self, person: str) -> Float:
@@ -243,15 +254,26 @@ def check_heads(settings: MotionCaptureSettings, bodies: Collection[str], where:
         )
 
 
-def _worn(settings: MotionCaptureSettings, take: Take, path: Path) -> dict[str, str]:
-    """The body that each person wears, by the person's name."""
+def _worn(settings: MotionCaptureSettings, take: Take, path: Path) -> dict[str, tuple[str, ...]]:
+    """The bodies that each person wears, by the person's name."""
     check_heads(settings, take.poses, str(path))
-    worn = {name: head.body or name for name, head in settings.heads.items()}
-    for name, body in worn.items():
+    worn = {name: head.names(name) for name, head in settings.heads.items()}
+    for name, body in ((name, body) for name, bodies in worn.items() for body in bodies):
         check_known(body, take.poses.keys(), f"{path}: heads: no rigid body")
-        if (wearer := next(each for each in worn if worn[each] == body)) != name:
+        if (wearer := next(each for each in worn if body in worn[each])) != name:
             raise VfoaError(f"{path}: heads: {wearer} and {name} both wear {body!r}; expected a body for each")
     return worn
+
+
+def _first_known(bodies: Sequence[Poses]) -> Poses:
+    """In each frame, the pose of the first body that was not lost there."""
+    first, *others = bodies
+    rotations, places_m = first.rotations, first.places_m
+    for other in others:
+        is_lost = np.isnan(places_m[:, :1])
+        rotations = np.where(is_lost[..., np.newaxis], other.rotations, rotations)
+        places_m = np.where(is_lost, other.places_m, places_m)
+    return Poses(rotations=rotations, places_m=places_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,17 +327,17 @@ def _in_camera_axes(poses: Poses, up: Up) -> tuple[Float, Float]:
     return _LEFT_FROM_ROOM[up] @ poses.rotations, poses.places_m @ _LEFT_FROM_ROOM[up].T
 
 
-def _lost(bodies: Mapping[str, str], take: Take) -> Iterator[str]:
+def _lost(moving: Mapping[str, Poses], frames: int) -> Iterator[str]:
     """A note for each name whose body was lost at times."""
-    for name, body in bodies.items():
-        if lost := int(np.isnan(take.poses[body].places_m).any(axis=1).sum()):
-            yield f"{name}: not tracked in {lost} of {len(take.numbers)} frames"
+    for name, poses in moving.items():
+        if lost := int(np.isnan(poses.places_m).any(axis=1).sum()):
+            yield f"{name}: not tracked in {lost} of {frames} frames"
 
 
-def _notes_on_eyes(settings: MotionCaptureSettings, worn: Mapping[str, str], take: Take) -> Iterator[str]:
+def _notes_on_eyes(settings: MotionCaptureSettings, worn: Mapping[str, tuple[str, ...]], take: Take) -> Iterator[str]:
     """A note on people whose eyes are taken to be at the origin of their body, because ``eyes_m`` was not set."""
     heads = settings.heads.items()
-    if names := [name for name, head in heads if not any(head.eyes_m) and worn[name] not in take.faces]:
+    if names := [name for name, head in heads if not any(head.eyes_m) and not take.faces.issuperset(worn[name])]:
         yield (
             f"the eyes of {listed(names)} are taken to be at the origin of the rigid body, which is in the middle of "
             "its markers if it was not moved: say heads.NAME.eyes_m in [source]"

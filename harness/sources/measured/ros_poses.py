@@ -284,7 +284,7 @@ def _chosen(
     Frames of ROS4HRI with the ID of a head (``body_ID``, ``torso_ID``) are parts of that person, and no bodies if they
     are not named.
     """
-    worn = [head.body or name for name, head in settings.heads.items()]
+    worn = [body for name, head in settings.heads.items() for body in head.names(name)]
     if settings.bodies is None:
         estimates = [name for name, key in names.items() if trajectories[key].is_estimate]
         topics = [name for name, key in names.items() if key.startswith("/") and name not in estimates]

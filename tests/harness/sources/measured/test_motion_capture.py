@@ -134,6 +134,19 @@ def test_names_of_no_body_are_refused(adapter: str, source: dict[str, Any], tmp_
 
 
 @adapters
+def test_of_several_bodies_each_frame_has_the_first_that_is_known(adapter: str, tmp_path: Path) -> None:
+    """A face that is found again has a new name: none of them is an object."""
+    first, second = pose([1, 0, 0]), pose([2, 0, 0])
+    first[1:], second[2:] = np.nan, np.nan
+    source = {"heads": {"anna": {"body": ["face_a", "face_b"]}}}
+    clip = opened(adapter, tmp_path, {"face_a": first, "face_b": second, "cup": pose([3, 0, 0])}, **source)
+    eyes = [person.eye_origin_left for number in clip.frames for person in clip.scene(number).people]
+    assert [None if place is None else round(place[0], 9) for place in eyes][:2] == [1.0, 2.0]
+    assert [*clip.objects] == ["cup"]
+    assert [note for note in clip.notes if "tracked" in note] == ["anna: not tracked in 1 of 3 frames"]
+
+
+@adapters
 def test_a_body_is_worn_by_one_person(adapter: str, tmp_path: Path) -> None:
     with pytest.raises(VfoaError) as refused:
         opened(adapter, tmp_path, {"cap": pose([0, 1.6, 0])}, heads={"anna": {"body": "cap"}, "ben": {"body": "cap"}})
