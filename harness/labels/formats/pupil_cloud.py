@@ -48,8 +48,15 @@ class PupilCloud(ReadOnly):
         table: list[Row] = [(line, ["subject", "target", "start_ns", "end_ns"])]
         for number, cells in rows:
             if cells[recording] in subjects:
+                names = areas.get((cells[recording], cells[fixation]), {})
+                if len(names) > 1:
+                    found = f"fixation {cells[fixation]} is in {' and '.join(names.values())}"
+                    raise VfoaError(
+                        f"{fixations}:{number}: {found}; expected one area: take one out in Pupil Cloud, or give both "
+                        "one name (--rename THEIRS=OURS)"
+                    )
                 nowhere = NOWHERE if cells[detected].lower() == "true" else ""
-                area = areas.get((cells[recording], cells[fixation]), nowhere)
+                area = next(iter(names.values()), nowhere)
                 table.append((number, [subjects[cells[recording]], area, cells[start], cells[end]]))
         for key in areas.keys() - {(cells[recording], cells[fixation]) for _, cells in rows}:
             raise VfoaError(
@@ -67,20 +74,14 @@ def _column(header: Sequence[str], names: Sequence[str], where: str) -> int:
     return found
 
 
-def _areas(path: Path, exchange: Exchange) -> dict[_Key, str]:
-    """The area of each fixation that is in one."""
+def _areas(path: Path, exchange: Exchange) -> dict[_Key, dict[str, str]]:
+    """The areas of each fixation that is in one, by our names."""
     (line, header), *rows = even_rows(path)
     area, *key = (_column(header, names, f"{path}:{line}") for names in (_AREAS, ("recording_id",), ("fixation_id",)))
     found = defaultdict[_Key, dict[str, str]](dict)
-    for number, cells in rows:
-        names = found[cells[key[0]], cells[key[1]]]
-        names.setdefault(exchange.names.translate(cells[area]), cells[area])
-        if len(names) > 1:
-            raise VfoaError(
-                f"{path}:{number}: fixation {cells[key[1]]} is in {' and '.join(names.values())}; expected one area: "
-                "take one out in Pupil Cloud, or give both one name (--rename THEIRS=OURS)"
-            )
-    return {key: next(iter(names.values())) for key, names in found.items()}
+    for _, cells in rows:
+        found[cells[key[0]], cells[key[1]]].setdefault(exchange.names.translate(cells[area]), cells[area])
+    return found
 
 
 def _wearers(path: Path, recordings: Sequence[str], exchange: Exchange) -> dict[str, str]:

@@ -24,8 +24,23 @@ distortion_coefficients: {rows: 1, cols: 5, data: [0.1, -0.2, 0, 0, 0]}
 rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
 projection_matrix: {rows: 3, cols: 4, data: [600, 0, 320, 0, 0, 610, 240, 0, 0, 0, 1, 0]}
 """
+ECHO = """
+header: {seq: 1, stamp: {secs: 1, nsecs: 2}, frame_id: color}
+height: 480
+width: 640
+distortion_model: "plumb_bob"
+D: [0.1, -0.2, 0.0, 0.0, 0.0]
+K: [600.0, 0.0, 320.0, 0.0, 610.0, 240.0, 0.0, 0.0, 1.0]
+R: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+P: [600.0, 0.0, 320.0, 0.0, 0.0, 610.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+binning_x: 0
+binning_y: 0
+roi: {x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: False}
+---
+"""
 FILES = {
     "camera_info.yaml": ROS,
+    "echo.yaml": ECHO,
     "camera_intrinsic.json": json.dumps({"width": 640, "height": 480, "intrinsic_matrix": K.T.ravel().tolist()}),
     "K.txt": "600 0 320\n0 610 240\n0 0 1\n",
     "intrinsics.txt": "# by rows\n600, 0, 320, 0, 610, 240, 0, 0, 1\n",
@@ -37,7 +52,7 @@ def test_each_format_gives_the_same_camera(tmp_path: Path, name: str) -> None:
     found = read_one_camera(write_text(tmp_path / name, FILES[name]), SIZE)
     assert found.size_px == SIZE
     assert np.array_equal(found.k, K)
-    assert found.d.any() == (name == "camera_info.yaml")
+    assert found.d.any() == name.endswith(".yaml")
     assert not read_one_camera(tmp_path / name, SIZE, rectified=True).d.any()
 
 

@@ -92,6 +92,11 @@ def test_a_wearer_is_a_subject_and_one_recording_may_be_chosen(tmp_path: Path) -
         _read(path, observation="trial 3")
     with pytest.raises(VfoaError, match=r"fixations\.csv:2: unknown subject 'Anna'.*'Ben'"):
         _read(path)
+    write_text(path, path.read_text(encoding="utf-8") + f"a9,bird,s,{MINE},10,100\n")
+    with pytest.raises(VfoaError, match=r"fixations\.csv:5: fixation 10 is in brown cup and bird; expected one"):
+        _read(path, renamed=names, observation="trial 1")
+    labels, _ = _read(path, renamed=names, observation=OTHER)
+    assert _targets(labels, "boy") == EXPECTED
 
 
 def test_the_only_subject_of_a_clip_is_the_wearer_of_the_only_recording(tmp_path: Path) -> None:
@@ -102,7 +107,6 @@ def test_the_only_subject_of_a_clip_is_the_wearer_of_the_only_recording(tmp_path
 @pytest.mark.parametrize(
     ("file", "text", "message"),
     [
-        ("aoi_fixations.csv", f"a9,bird,s,{MINE},10,100\n", r":4: fixation 10 is in brown cup and bird; expected one"),
         ("aoi_fixations.csv", f"a9,bird,s,{MINE},77,100\n", r": fixation 77 of recording .* is not in fixations\.csv"),
         ("fixations.csv", f"s,{MINE},11,soon,{START_NS},1,True,1,1\n", r":6: start_ns: found 'soon'; expected ns"),
         ("fixations.csv", f"s,{MINE},11,1.718e18,{START_NS},1,True,1,1\n", r":6: start_ns: found '1\.718e18'.*cut off"),
