@@ -271,5 +271,36 @@ def test_what_a_docstring_refers_to_is_there() -> None:
     assert [(module, name) for module, name in sorted(places) if not _is_found(name, _modules()[module])] == []
 
 
+def _parameters(node: ast.AST) -> set[str]:
+    """The parameters of a function, of the initializer of a class, or of a dataclass."""
+    if isinstance(node, ast.ClassDef):
+        begin = next(
+            (each for each in node.body if isinstance(each, ast.FunctionDef) and each.name == "__init__"), None
+        )
+        fields = {
+            each.target.id
+            for each in node.body
+            if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
+        }
+        return fields if begin is None else _parameters(begin)
+    assert isinstance(node, ast.FunctionDef)
+    return {each.arg for each in ast.walk(node.args) if isinstance(each, ast.arg)}
+
+
+def test_a_parameter_that_a_docstring_describes_is_one() -> None:
+    section = re.compile(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+$|\Z)", re.MULTILINE | re.DOTALL)
+    described = [
+        (module, node.name, name, _parameters(node))
+        for module, path in _modules().items()
+        for node in ast.walk(_tree(path))
+        if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        for block in section.findall(ast.get_docstring(node) or "")
+        for line in re.findall(r"^\w+(?:, \w+)*$", block, re.MULTILINE)
+        for name in line.split(", ")
+    ]
+    assert len(described) > 200
+    assert [(module, place, name) for module, place, name, known in described if name not in known] == []
+
+
 def test_data_folders_hold_no_python() -> None:
     assert [path for folder in ("datasets", "annotations", "reports") for path in (ROOT / folder).rglob("*.py")] == []
