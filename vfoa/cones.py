@@ -149,7 +149,7 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Cones
 
 
 def attend_people(people: Iterable[tuple[Subject, tuple[Target, ...]]], settings: ConesSettings) -> list[Attention]:
-    """As :func:`pay_attention` for many subjects, each with the targets of its frame: the same values, sooner."""
+    """Compute :func:`pay_attention` for many subjects, each with the targets of its frame, in less time."""
     answers: dict[int, Attention] = {}
     alike: dict[tuple[object, ...], dict[int, _Looking]] = {}
     for place, (subject, targets) in enumerate(people):

@@ -37,7 +37,7 @@ class Observed:
         Raises
         ------
         ValueError
-            If the eyes are no point, or a direction is none.
+            If the eyes are not a finite point (3,), or a direction is zero or not finite (3,).
         """
         gaze = None if self.gaze is None else Gaze(direction=np.asarray(self.gaze), sigma_rad=self.gaze_error_rad)
         head = None if self.head is None else HeadPose(direction=np.asarray(self.head), sigma_rad=self.head_error_rad)

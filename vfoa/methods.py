@@ -73,7 +73,7 @@ class AttentionMethod(Protocol[State]):
 
 
 class FramesMethod(AttentionMethod[None], Protocol):
-    """A method without states that answers many frames at once sooner than one after the other."""
+    """A method without states that answers many frames faster together than one after the other."""
 
     def attend_frames(self, frames: Sequence[tuple[tuple[Subject, ...], Scene]]) -> list[tuple[Attention, ...]]:
         """Return what :meth:`attend` returns for the subjects of each scene, without the states."""

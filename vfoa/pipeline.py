@@ -66,7 +66,7 @@ class Stages:
     """The models and matchers of one configuration. None: that cue is not measured.
 
     Gaze is estimated from one frame or from several: at most one of the two models is set. A region matcher replaces
-    the matcher and matches only the region of things and heads. ``drawing`` holds the shapes that a person drew; None:
+    the matcher and matches only the region of objects and heads. ``drawing`` holds the shapes that a person drew; None:
     none.
     """
 
@@ -81,7 +81,7 @@ class Stages:
 
 
 def perceive(frame: StereoFrame, stages: Stages, *, executor: Executor | None = None) -> Percepts:
-    """Run every model on one frame. A temporal gaze model leaves its crops in the views; the gazes are added later.
+    """Return the outputs of all models for one frame. A temporal gaze model's gazes are added later, from its crops.
 
     ``executor`` finds faces in another thread during segmentation, and runs the models of the heads there during
     matching. The result is the same.
@@ -180,13 +180,13 @@ class Attending:
 
     @property
     def takes_many(self) -> bool:
-        """Whether :meth:`steps` answers its frames at once."""
+        """Whether :meth:`steps` answers its frames together."""
         return hasattr(self._method, "attend_frames")
 
     def steps(self, frames: Sequence[tuple[Scene, Tracked, Mapping[int, str] | None]]) -> list[FrameResult]:
-        """Attend to the next frames, as :meth:`step` does to each; at once if the method can. Raises what it raises.
+        """Attend to the next frames as :meth:`step` does, with its errors: together if the method can, else one by one.
 
-        After an error of a method that answers them at once, none of the frames has been attended to.
+        After an error of a method that answers them together, none of the frames has been attended to.
         """
         if not self.takes_many:
             return [result for frame in frames for result in self.step(*frame)]

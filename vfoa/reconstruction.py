@@ -87,7 +87,7 @@ class ReconstructionSettings(Settings):
 
 
 def reconstruct(percepts: Percepts, settings: ReconstructionSettings) -> Scene:
-    """Place the instances and the heads of one frame in the camera frame, in metres."""
+    """Return the scene of one frame: its instances and heads in the camera frame, metres."""
     targets = place_targets(percepts.disparity, percepts.instances, percepts.rig, settings)
     return place_people(percepts, targets, settings)
 

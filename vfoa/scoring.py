@@ -4,8 +4,8 @@
     2 of 4 right: FRR 50.0 %, balanced 66.7 % (targets 33.3 %, nowhere 100.0 %), answers in 3 of 4
 
 The harness scores a run by the same functions (``frr.csv``), and adds what arrays do not tell: error types, baselines,
-and intervals by clips and looks. Frames of one look are right or wrong together, so that no interval can be had from
-their number alone.
+and intervals by clips and looks. Frames of one look are right or wrong together, so that
+their number alone gives no interval.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ class GazeModel(Protocol):
     """
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | NoGaze | None:
-        """Estimate one head's gaze; None if the model has no answer (for example, it finds no eyes).
+        """Return one head's gaze in the camera frame; None if the model has no answer (for example, it finds no eyes).
 
         A :class:`NoGaze` states the cause.
         """
@@ -37,11 +37,11 @@ class TemporalGazeModel(Protocol):
     """
 
     def crop(self, frame: StereoFrame, head: Head) -> Image:
-        """Cut out the model's input for one head: (h, w, 3) uint8 RGB, of one size for every head."""
+        """Return the model's input for one head: (h, w, 3) uint8 RGB, of one size for every head."""
         ...
 
     def stride(self, rate_hz: float | None) -> int:
-        """Number of frames from one crop to the next at this frame rate.
+        """Return the number of frames from one crop to the next at this frame rate.
 
         Raises
         ------
@@ -51,12 +51,12 @@ class TemporalGazeModel(Protocol):
         ...
 
     def estimate_sequence(self, crops: Sequence[Image], head: Head, rig: StereoRig) -> Gaze:
-        """Estimate the gaze in the middle frame from 2 ``REACH`` + 1 crops in order of time; ``head`` is its head."""
+        """Return the gaze in the middle frame of 2 ``REACH`` + 1 crops in order of time; ``head`` is the one there."""
         ...
 
 
 def choose_model() -> str:
-    """MobileGaze (``l2cs``) if its network is on this machine, since its terms were accepted then; else ``adas_0002``.
+    """Return ``l2cs`` (MobileGaze) if its network is on this machine: its terms were accepted then; else ``adas_0002``.
 
     MobileGaze is more exact on faces that turn, ADAS-0002 by a few degrees on frontal ones; the terms of MobileGaze's
     data allow no commercial use.

@@ -15,7 +15,7 @@ class HeadPoseModel(Protocol):
     """
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
-        """Estimate one head's pose; None if the model has no answer."""
+        """Return one head's pose in the camera frame; None if the model has no answer."""
         ...
 
 

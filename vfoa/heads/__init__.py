@@ -15,7 +15,7 @@ class HeadDetector(Protocol):
     """
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """Detect the heads of one frame, best first. ``instances`` holds the masks of the people."""
+        """Return the heads of one frame, best first. ``instances`` holds the masks of the people."""
         ...
 
 
@@ -23,7 +23,7 @@ class FaceDetector(HeadDetector, Protocol):
     """Finds most heads without the masks, so that it can work while the frame is segmented; ``detect`` does both."""
 
     def faces(self, frame: StereoFrame) -> tuple[Head, ...]:
-        """Detect the heads that need no masks, best first."""
+        """Return the heads that need no masks, best first."""
         ...
 
     def with_people(self, faces: tuple[Head, ...], frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:

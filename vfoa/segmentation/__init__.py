@@ -12,7 +12,7 @@ class Segmenter(Protocol):
     """Finds the instances in the left view. Built as ``Class(settings)``, with ``Class.Settings``."""
 
     def segment(self, frame: StereoFrame) -> Instances:
-        """Segment one frame, at the resolution of the image."""
+        """Return the instances of one frame, with ids (H, W) at the resolution of the image."""
         ...
 
 

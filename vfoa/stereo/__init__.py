@@ -13,7 +13,7 @@ class StereoMatcher(Protocol):
     """Finds the disparity of every pixel of the left view. Built as ``Class(settings)``, with ``Class.Settings``."""
 
     def match(self, frame: StereoFrame) -> Disparity:
-        """Match one pair. Pixels that could not be matched are NaN."""
+        """Return the disparity (H, W) of the left view, pixels; NaN where no match was found."""
         ...
 
 
@@ -24,7 +24,7 @@ class RegionMatcher(Protocol):
     """
 
     def match_region(self, frame: StereoFrame, region: Region) -> Disparity:
-        """Match one pair in a region of the left view; all pixels outside of it are NaN."""
+        """Return the disparity (H, W) of a region of the left view, pixels; NaN outside it and where no match is."""
         ...
 
 
