@@ -98,12 +98,18 @@ class RunResults:
 
     @cached_property
     def frr(self) -> pd.DataFrame:
-        """``frr.csv``: rates with intervals. Columns: :func:`harness.report.csv_tables.frr_columns`."""
+        """``frr.csv``: rates with intervals. Columns: :func:`harness.report.csv_tables.frr_columns`.
+
+        Raises
+        ------
+        VfoaError
+            If there is no such file: ``vfoa score`` writes it.
+        """
         return self._table("frr.csv")
 
     @cached_property
     def frames(self) -> pd.DataFrame:
-        """Every attention value, judged by the present labels: made when asked for, in seconds for minutes of video.
+        """Every attention value, judged by the present labels. It takes seconds for minutes of video.
 
         Columns: :data:`harness.report.frames_csv.FRAMES_COLUMNS`. Raises the errors of :meth:`rescore`.
         """
@@ -111,7 +117,10 @@ class RunResults:
 
     @cached_property
     def comparisons(self) -> pd.DataFrame:
-        """``comparisons.csv``: every two configurations. See :data:`harness.report.csv_tables.COMPARISON_COLUMNS`."""
+        """``comparisons.csv``: every two configurations. See :data:`harness.report.csv_tables.COMPARISON_COLUMNS`.
+
+        Raises the errors of :attr:`frr`.
+        """
         return self._table("comparisons.csv")
 
     @cached_property
@@ -178,7 +187,10 @@ class RunResults:
 
     @property
     def failures(self) -> pd.DataFrame:
-        """The wrong frames: clip, configuration, frame, time_s, subject, truth, predicted, error_type."""
+        """The wrong frames: clip, configuration, frame, time_s, subject, truth, predicted, error_type.
+
+        Raises the errors of :meth:`rescore`.
+        """
         wrong = self.frames[self.frames["outcome"] == "wrong"]
         columns = ["clip", "configuration", "frame", "time_s", "subject", "truth", "predicted", "error_type"]
         return wrong[columns].drop_duplicates(ignore_index=True)
@@ -205,7 +217,7 @@ class RunResults:
         return self._recording(clip, configuration).files
 
     def show(self, clip: str, configuration: str, frame: int | None = None) -> Viewer:
-        """Show the recording in the Rerun viewer of a notebook; with ``frame``, it opens there.
+        """Return the Rerun viewer of a notebook with the recording; with ``frame``, it opens there.
 
         Raises
         ------
@@ -229,7 +241,13 @@ class RunResults:
         return recordings[clip, configuration]
 
     def rescore(self) -> RunResults:
-        """Score the run again with the present labels (as ``vfoa score``), and load the new tables."""
+        """Score the run again with the present labels (as ``vfoa score``), and load the new tables.
+
+        Raises
+        ------
+        VfoaError
+            If no configuration ran on every clip, or a clip's manifest or labels cannot be read.
+        """
         rescore(self.directory)
         return RunResults(self.path)
 
@@ -290,7 +308,7 @@ def run_experiment(
     out
         The run's directory; by default ``runs/<experiment>``.
     limit
-        Run only so many first frames of each clip, at least 1.
+        Run only the first ``limit`` frames of each clip, 1 or more.
     workers
         Processes; 0 means one per core.
     recordings
