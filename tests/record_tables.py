@@ -15,7 +15,7 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.scene_identity import key_of
 from harness.run.scenes import FolderWriter, remove_unused
-from harness.run.table_columns import TableFiles, answer_columns, look_columns, measured_columns, scene_columns
+from harness.run.table_columns import TableFiles, answer_columns, look_columns, measure_columns, scene_columns
 from harness.run.table_files import Row, TableWriter, make_table
 from harness.run.tables import TABLES
 
@@ -57,9 +57,9 @@ def columns_of(records: Sequence[FrameRecord], words: Words) -> PairColumns:
         rows["answers"] += answer_rows(record, ())
     tables = MemoryTables(rows)
     scene = scene_columns(tables, words, {})
-    looks, measured = look_columns(scene, tables, words), measured_columns(scene, tables, words)
+    looks, measures = look_columns(scene, tables, words), measure_columns(scene, tables, words)
     pair = records[0].clip, records[0].configuration
-    return answer_columns(pair, scene, looks, measured, tables, words, ())
+    return answer_columns(pair, scene, looks, measures, tables, words, ())
 
 
 SCENE = ("stereo", "segmentation", "heads", "drawn", "reconstruction", "tracking")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table, number
-from harness.run.directory import RunDirectory
-from harness.run.measured import Measured, measures_by_thing, pooled_measures
+from harness.run.columns import MeasureColumns
+from harness.run.directory import Pair, RunDirectory
+from harness.run.grid import base_of
 from harness.run.timings import read_timings
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
@@ -62,19 +63,60 @@ def object_measures_table(scores: Scores) -> Table:
     return Table.of(
         "Objects against the ground truth",
         "Clip | Object | Configuration | Frames | Mask IoU | Box IoU | Centre cm",
-        ((*key, len(found), *_object_cells(found)) for key, found in measures_by_thing(scores.measures).items()),
+        ((*key, len(found), *_object_cells(found)) for key, found in _measures_by_object(scores.measures).items()),
         words=3,
         notes=_NOTES[1:2],
     )
 
 
-def _cells(measured: Measured) -> Iterator[str]:
-    error_px, over_2_px, known = measured.disparities.T
+def pooled_measures(parts: Mapping[Pair, MeasureColumns]) -> dict[tuple[str | None, str], MeasureColumns]:
+    """The measures of each (clip, configuration) and, of several clips, of all together under the clip None.
+
+    The seeds of a configuration are taken together, here and below; what is pooled has no ids and names.
+    """
+    groups: dict[tuple[str | None, str], list[MeasureColumns]] = {}
+    for (clip, configuration), part in parts.items():
+        if part.frames:
+            groups.setdefault((clip, base_of(configuration)), []).append(part)
+    if len({clip for clip, _ in groups}) > 1:
+        for (_, name), of_clip in list(groups.items()):
+            groups.setdefault((None, name), []).extend(of_clip)
+    return {key: _pooled(group) for key, group in groups.items()}
+
+
+def _pooled(group: Iterable[MeasureColumns]) -> MeasureColumns:
+    group = [*group]
+    return MeasureColumns(
+        frames=sum(part.frames for part in group),
+        disparities=np.concatenate([part.disparities for part in group]),
+        objects=np.concatenate([part.objects for part in group]),
+        people=np.concatenate([part.people for part in group]),
+    )
+
+
+def _measures_by_object(parts: Mapping[Pair, MeasureColumns]) -> dict[tuple[str, str, str], Float]:
+    """The measures (n, 3) of each (clip, true object, configuration), the object by the run's own name for it."""
+    names: dict[tuple[str, int], str] = {}
+    for (clip, _), part in parts.items():
+        for truth_id, name in part.names.items():
+            names.setdefault((clip, truth_id), name)
+    by_object: dict[tuple[str, str, str], list[Float]] = {}
+    for (clip, configuration), part in parts.items():
+        for truth_id, label in part.labels.items():
+            name = names.get((clip, truth_id), f"{label}#{truth_id}")
+            of_object = part.objects[part.truth_ids == truth_id]
+            by_object.setdefault((clip, name, base_of(configuration)), []).append(of_object)
+    in_order = sorted(by_object.items(), key=lambda item: item[0][:2])
+    return {key: np.concatenate(found) for key, found in in_order}
+
+
+def _cells(measures: MeasureColumns) -> Iterator[str]:
+    error_px, over_2_px, known = measures.disparities.T
     yield _printed(error_px, np.median, digits=2)
     yield _printed(over_2_px, np.mean, 100)
     yield _printed(known, np.mean, 100)
-    yield from _object_cells(measured.objects)
-    head_box_iou, *errors = measured.people.T
+    yield from _object_cells(measures.objects)
+    head_box_iou, *errors = measures.people.T
     yield _printed(head_box_iou, np.mean, digits=2)
     for values, scale in zip(errors, (100, 1, 1), strict=True):
         yield _printed(values, np.median, scale)

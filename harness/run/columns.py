@@ -5,19 +5,22 @@ A record of each frame (:mod:`harness.run.table_records`) is the view of one fra
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.run.measured import Measured
 from vfoa.types import Codes, Flags, Float
 
 UNKNOWN = -1
 """The code of no word, and the row of nothing."""
 NO_ID = np.iinfo(np.int64).min
 """Stands for an instance id that is not there."""
+OF_DISPARITY = ("error_px", "over_2_px", "known")
+OF_OBJECT = ("mask_iou", "box_iou", "center_error_m")
+OF_PERSON = ("head_box_iou", "eye_error_m", "head_error_deg", "gaze_error_deg")
+"""Columns of measures of disparities, of objects and of people (:mod:`harness.pipeline.measures`)."""
 
 
 class Words:
@@ -105,6 +108,28 @@ class LookColumns:
     head_widths_m: Float
 
 
+def _none(columns: tuple[str, ...]) -> Float:
+    return np.zeros((0, len(columns)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasureColumns:
+    """The errors of a clip's stages in the frames with ground truth, in their order, and the number of frames.
+
+    ``disparities``, ``objects`` and ``people`` (n, 3, 3 and 4) have the columns :data:`OF_DISPARITY`,
+    :data:`OF_OBJECT` and :data:`OF_PERSON`; ``truth_ids`` (n,) are the numbers of the true objects, of which ``labels``
+    are the classes and ``names`` the run's names, as far as something was found for them. NaN: not known.
+    """
+
+    frames: int = 0
+    disparities: Float = field(default_factory=lambda: _none(OF_DISPARITY))
+    objects: Float = field(default_factory=lambda: _none(OF_OBJECT))
+    people: Float = field(default_factory=lambda: _none(OF_PERSON))
+    truth_ids: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    labels: Mapping[int, str] = field(default_factory=dict)
+    names: Mapping[int, str] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairColumns:
     """One configuration on one clip: what its P people look at, of A values of attention.
@@ -112,7 +137,7 @@ class PairColumns:
     ``missing`` (P,) are codes of reasons for no answer; ``focus`` (P,) is the row of the instance with the most
     attention, :data:`UNKNOWN` for nowhere. ``attending`` (A,) is the row of the person, ``attended`` that of the
     instance; ``gaze`` and ``head`` (A,) are NaN where they were not measured. ``fits`` (P, 4) are the fields of
-    :class:`vfoa.types.DirectionFit`, NaN without a fit. ``measured`` are the measures of the clip's stages.
+    :class:`vfoa.types.DirectionFit`, NaN without a fit. ``measures`` are those of the clip's stages.
     """
 
     clip: str
@@ -128,4 +153,4 @@ class PairColumns:
     head: Float
     total: Float
     fits: Float
-    measured: Measured
+    measures: MeasureColumns

@@ -12,10 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.run.answers import filtered_cues
-from harness.run.columns import NO_ID, UNKNOWN, LookColumns, PairColumns, SceneColumns, Words
+from harness.run.columns import (
+    NO_ID,
+    OF_DISPARITY,
+    OF_OBJECT,
+    OF_PERSON,
+    UNKNOWN,
+    LookColumns,
+    MeasureColumns,
+    PairColumns,
+    SceneColumns,
+    Words,
+)
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import RunManifest
-from harness.run.measured import OF_DISPARITY, OF_OBJECT, OF_PERSON, Measured
 from harness.run.table_files import check_ascending, find_tables, read_arrow
 from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES
 from vfoa.errors import VfoaError
@@ -60,15 +70,15 @@ class ColumnReader:
         kept = lru_cache(maxsize=_KEPT_SCENES)
         self._scene = kept(self._read_scene)
         self._looks = kept(self._read_looks)
-        self._measured = kept(self._read_measured)
+        self._measures = kept(self._read_measures)
 
     def read(self, pair: Pair, names_now: Mapping[str, str] | None = None) -> PairColumns:
         """Read a (clip, configuration). ``names_now`` are the present names of renamed targets."""
         paths = self.paths[pair]
         scene = self._scene(paths["frames"].parent, tuple((names_now or {}).items()))
         looks = self._looks(paths["directions"].parent, scene)
-        measured = self._measured(paths["directions"].parent, paths["frames"].parent, scene)
-        return answer_columns(pair, scene, looks, measured, TableFiles(paths), self.words, self._filtered[pair[1]])
+        measures = self._measures(paths["directions"].parent, paths["frames"].parent, scene)
+        return answer_columns(pair, scene, looks, measures, TableFiles(paths), self.words, self._filtered[pair[1]])
 
     def _read_scene(self, folder: Path, names_now: tuple[tuple[str, str], ...]) -> SceneColumns:
         return scene_columns(TableFiles.of_folder(folder, SCENE_TABLES), self.words, dict(names_now))
@@ -76,11 +86,11 @@ class ColumnReader:
     def _read_looks(self, folder: Path, scene: SceneColumns) -> LookColumns:
         return look_columns(scene, TableFiles.of_folder(folder, DIRECTIONS_TABLES), self.words)
 
-    def _read_measured(self, folder: Path, of_scene: Path, scene: SceneColumns) -> Measured:
+    def _read_measures(self, folder: Path, of_scene: Path, scene: SceneColumns) -> MeasureColumns:
         tables = (
             TableFiles.of_folder(of_scene, SCENE_TABLES).paths | TableFiles.of_folder(folder, DIRECTIONS_TABLES).paths
         )
-        return measured_columns(scene, TableFiles(tables), self.words)
+        return measure_columns(scene, TableFiles(tables), self.words)
 
 
 def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]) -> SceneColumns:
@@ -137,7 +147,7 @@ def answer_columns(
     pair: Pair,
     scene: SceneColumns,
     looks: LookColumns,
-    measured: Measured,
+    measures: MeasureColumns,
     tables: TableFiles,
     words: Words,
     filtered: Sequence[Cue],
@@ -168,7 +178,7 @@ def answer_columns(
         configuration=pair[1],
         words=words,
         scene=scene,
-        measured=measured,
+        measures=measures,
         looks=replace(looks, gaze=after["gaze"], head=after["head"]) if filtered else looks,
         missing=_words(table, "missing", words),
         focus=focus,
@@ -181,10 +191,10 @@ def answer_columns(
     )
 
 
-def measured_columns(scene: SceneColumns, tables: TableFiles, words: Words) -> Measured:
+def measure_columns(scene: SceneColumns, tables: TableFiles, words: Words) -> MeasureColumns:
     """Read the measures of a scene and of where its people look; none without ground truth."""
     if not scene.has_truth.any():
-        return Measured()
+        return MeasureColumns()
     about = tables.read("frames", [f"disparity_{name}" for name in OF_DISPARITY])
     disparities = np.stack([_floats(about, f"disparity_{name}") for name in OF_DISPARITY], axis=1)
     of_objects = ("frame", "truth_id", "label", "instance_id", *OF_OBJECT)
@@ -195,7 +205,7 @@ def measured_columns(scene: SceneColumns, tables: TableFiles, words: Words) -> M
     rows = _find(scene, at, _numbers(objects, "instance_id", NO_ID))
     found = np.flatnonzero(rows != UNKNOWN)
     _, first_found = np.unique(truth_ids[found], return_index=True)
-    return Measured(
+    return MeasureColumns(
         frames=int(np.count_nonzero(scene.has_truth)),
         disparities=disparities[~np.isnan(disparities[:, OF_DISPARITY.index("known")])],
         objects=np.stack([_floats(objects, name) for name in OF_OBJECT], axis=1),

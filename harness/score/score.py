@@ -15,11 +15,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.run.columns import PairColumns
+from harness.run.columns import MeasureColumns, PairColumns
 from harness.run.directory import Pair
 from harness.run.grid import base_of
 from harness.run.manifest import Published
-from harness.run.measured import Measured
 from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
@@ -123,7 +122,7 @@ class Scores:
     notes: tuple[Note, ...] = ()
     published: Published | None = None
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    measures: Mapping[Pair, Measured] = field(default_factory=dict, compare=False, repr=False)
+    measures: Mapping[Pair, MeasureColumns] = field(default_factory=dict, compare=False, repr=False)
     directions: tuple[DirectionCheck, ...] = ()
     judged_subjects: tuple[JudgedSubject, ...] = field(default=(), compare=False, repr=False)
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -194,10 +193,10 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
     reference
         The labels to score against. A clip without labels has unscored verdicts and no rows.
     """
-    judged, measured = dict[Pair, PairVerdicts](), dict[Pair, Measured]()
+    judged, measures = dict[Pair, PairVerdicts](), dict[Pair, MeasureColumns]()
     for each in columns:
         pair = each.clip, each.configuration
-        judged[pair], measured[pair] = pair_verdicts(each, reference), each.measured
+        judged[pair], measures[pair] = pair_verdicts(each, reference), each.measures
     subjects, directions = judged_subjects(judged, reference), direction_checks(judged)
     clips = tuple(dict.fromkeys(of_subject.clip for of_subject in subjects))
     configurations = tuple(dict.fromkeys(of_subject.configuration for of_subject in subjects))
@@ -218,7 +217,7 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
         ),
         published=reference.published,
         factors={base_of(name): place for name, place in reference.factors.items()},
-        measures=measured,
+        measures=measures,
         directions=tuple(directions),
         judged_subjects=tuple(subjects),
         unknown_names=reference.unknown_names,

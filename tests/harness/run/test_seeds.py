@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from harness.pipeline.measures import FrameMeasures
+from harness.report.stages import pooled_measures
 from harness.report.tables import seeds_table
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
 from harness.run.manifest import AnswerTraits
-from harness.run.measured import pooled_measures
 from harness.run.records import FrameRecord
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.comparison import compare

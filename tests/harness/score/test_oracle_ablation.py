@@ -12,9 +12,10 @@ import pytest
 
 from harness.pipeline.configuration import StageChoice
 from harness.pipeline.ground_truth import OracleSettings
+from harness.report.stages import pooled_measures
 from harness.report.write import rescore
+from harness.run.columns import OF_DISPARITY, OF_PERSON, MeasureColumns
 from harness.run.experiment import load_experiment
-from harness.run.measured import OF_DISPARITY, OF_PERSON, Measured, pooled_measures
 from harness.run.notes import Note
 from harness.run.runner import prepare, run_plan
 from harness.score.oracle_ablation import steps, with_oracle_ablation
@@ -199,7 +200,7 @@ def test_on_a_rendered_clip_no_step_falls_and_the_truth_is_all_right(tmp_path: P
     assert {"oracle_ablation.csv", "measures.csv", "objects.csv"} <= {path.name for path in directory.path.iterdir()}
 
 
-_ERRORS: dict[str, Callable[[Measured], Float]] = {
+_ERRORS: dict[str, Callable[[MeasureColumns], Float]] = {
     "disparity": lambda found: found.disparities[:, OF_DISPARITY.index("error_px")],
     "head pose": lambda found: found.people[:, OF_PERSON.index("head_error_deg")],
     "gaze": lambda found: found.people[:, OF_PERSON.index("gaze_error_deg")],
