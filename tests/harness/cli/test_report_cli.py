@@ -61,11 +61,12 @@ VIEW = ("view", "--web", "--frame", "2")
 
 @pytest.fixture
 def served(run: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A process that serves the run, and the address it says."""
+    """A process that serves the run to somebody who is logged in by SSH, and the address it says."""
     (run / "clip__one.rrd").write_bytes(b"cut")
     verb, *options = request.param
     command = [sys.executable, "-c", MAIN, verb, str(run), *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    env = {**os.environ, "SSH_CONNECTION": "192.0.2.1 50000 192.0.2.7 22"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env) as process:
         try:
             assert process.stdout is not None
             assert process.stdout.readline() == "Serving until Ctrl-C:\n"
@@ -91,25 +92,13 @@ def test_it_serves_on_this_machine_until_it_is_told_to_end(
     with httpx.Client(follow_redirects=True, trust_env=False) as browser:
         assert said in browser.get(address).text
     listening = [each.laddr for each in psutil.Process(process.pid).net_connections() if each.status == "LISTEN"]
-    assert [(place.ip, place.port) for place in listening] == [("127.0.0.1", httpx.URL(address).port)]
+    port = httpx.URL(address).port
+    assert [(place.ip, place.port) for place in listening] == [("127.0.0.1", port)]
     assert psutil.Process(process.pid).children() == []
     process.send_signal(sign)
-    _, complaints = process.communicate(timeout=30)
-    assert (process.returncode, complaints) == (0, "")
-
-
-def test_whoever_is_logged_in_by_ssh_is_told_how_to_open_it(run: Path) -> None:
-    command = [sys.executable, "-c", MAIN, "report", str(run), "--serve", "--no-open"]
-    env = {**os.environ, "SSH_CONNECTION": "192.0.2.1 50000 192.0.2.7 22"}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env) as process:
-        try:
-            assert process.stderr is not None
-            assert process.stdout is not None
-            said = process.stderr.readline()
-            port = httpx.URL(process.stdout.readlines(30)[1].strip()).port
-        finally:
-            process.kill()
-    assert f"ssh -N -L {port}:127.0.0.1:{port} 192.0.2.7\n" in said
+    _, told = process.communicate(timeout=30)
+    assert (process.returncode, told.count("\n")) == (0, 1)
+    assert told.endswith(f"ssh -N -L {port}:127.0.0.1:{port} 192.0.2.7\n")  # how to open it
 
 
 def test_sigterm_ends_it_where_ctrl_c_is_ignored_as_in_the_background() -> None:
