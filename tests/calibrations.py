@@ -315,12 +315,12 @@ def _imu_from_cameras(rig: Rig) -> list[Array]:
     return [IMU_FROM_LEFT, IMU_FROM_LEFT @ np.linalg.inv(right_from_left)]
 
 
-def write_openvins(path: Path, rig: Rig) -> Path:
-    """Kalibr's chain with the poses of both cameras in the frame of an IMU."""
+def write_openvins(path: Path, rig: Rig, *, is_inverse: bool = False) -> Path:
+    """Kalibr's chain with the poses of both cameras in the frame of an IMU, or the IMU's in those of the cameras."""
     chain = yaml.safe_load(write_kalibr(path, rig).read_text(encoding="utf-8"))
     del chain["cam1"]["T_cn_cnm1"]
     for camera, pose in zip(chain.values(), _imu_from_cameras(rig), strict=True):
-        camera["T_imu_cam"] = pose.tolist()
+        camera["T_cam_imu" if is_inverse else "T_imu_cam"] = (np.linalg.inv(pose) if is_inverse else pose).tolist()
     return write_text(path, "%YAML:1.0 # OpenCV reads it\n" + write_yaml(path, chain).read_text(encoding="utf-8"))
 
 

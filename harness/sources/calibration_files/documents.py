@@ -266,7 +266,8 @@ def kalibr_pair(document: Document, cameras: tuple[int, int], where: str) -> Raw
     """Return two cameras of the chain, left and right, by their numbers.
 
     ``T_cn_cnm1`` transforms points of the preceding camera into this camera's frame, metres. Chains for OpenVINS have
-    ``T_imu_cam`` in its place, which transforms points of the camera into the IMU's frame.
+    ``T_imu_cam`` in its place, which transforms points of the camera into the IMU's frame; others its inverse,
+    ``T_cam_imu``.
 
     Raises
     ------
@@ -296,8 +297,11 @@ def _kalibr_pose(chain: Mapping[int, Document], cameras: tuple[int, int], where:
         expect_names(chain[number], (name,), f"{where}: cam{number}", "Kalibr's camera chain")
         return numbers(chain[number][name], f"{where}: cam{number}: {name}", 16).reshape(4, 4)
 
-    if "T_cn_cnm1" not in chain[max(cameras)] and all("T_imu_cam" in chain[number] for number in cameras):
-        return np.linalg.inv(transform(right, "T_imu_cam")) @ transform(left, "T_imu_cam")
+    if "T_cn_cnm1" not in chain[max(cameras)]:
+        if all("T_imu_cam" in chain[number] for number in cameras):
+            return np.linalg.inv(transform(right, "T_imu_cam")) @ transform(left, "T_imu_cam")
+        if all("T_cam_imu" in chain[number] for number in cameras):
+            return transform(right, "T_cam_imu") @ np.linalg.inv(transform(left, "T_cam_imu")).astype(float)
     last_from_first: Float = np.eye(4)
     for number in range(min(cameras) + 1, max(cameras) + 1):
         last_from_first = transform(number, "T_cn_cnm1") @ last_from_first

@@ -79,6 +79,9 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "orb-slam 2": lambda root: [calibrations.write_orb_slam_2(root / "mine.yaml", RIG)],
     "orb-slam 3": lambda root: [calibrations.write_orb_slam_3(root / "mine.yaml", RIG)],
     "openvins": lambda root: [calibrations.write_openvins(root / "camchain.yaml", RIG)],
+    "kalibr, in the imu's frame": lambda root: [
+        calibrations.write_openvins(root / "camchain.yaml", RIG, is_inverse=True)
+    ],
     "basalt": lambda root: [calibrations.write_basalt(root / "mine.json", RIG)],
     "icub": lambda root: [calibrations.write_icub(root / "outputCalib.ini", RIG)],
     "opencv lists, yaml": lambda root: [calibrations.write_opencv_lists(_below(root) / "c.yml", RIG)],
