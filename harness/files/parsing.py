@@ -129,8 +129,9 @@ def parse_yaml(data: str | bytes, where: object, kind: type[yaml.SafeLoader] | N
     """
     import yaml
 
+    node, kind = None, kind or yaml.SafeLoader
     try:
-        loader = (kind or yaml.SafeLoader)(data)
+        loader = kind(data)
         try:
             if (node := loader.get_single_node()) is None:
                 return None
@@ -145,9 +146,10 @@ def parse_yaml(data: str | bytes, where: object, kind: type[yaml.SafeLoader] | N
     except RecursionError:
         raise _too_deep(where) from None
     except _YAML_DAMAGE as error:
+        line = "" if node is None or (found := _unreadable(node, kind(""))) is None else f":{found.start_mark.line + 1}"
         problem = f"a value cannot be read as its type: {first_line(error)}"
         raise VfoaError(
-            f"{where}: not YAML: {problem}; expected quotes around a text that looks like a date or a number"
+            f"{where}{line}: not YAML: {problem}; expected quotes around a text that looks like a date or a number"
         ) from None
     _check(document, where)
     return document
@@ -284,6 +286,22 @@ def _nodes_below(node: yaml.Node) -> Iterable[yaml.Node]:
     """The nodes of a list; keys and values of a table."""
     below = node.value if isinstance(node.value, list) else ()
     return [child for item in below for child in (item if isinstance(item, tuple) else (item,))]
+
+
+def _unreadable(document: yaml.Node, loader: yaml.SafeLoader) -> yaml.Node | None:
+    """A single value that the loader cannot read as its type."""
+    import yaml
+
+    level = [document]
+    while level:
+        for node in level:
+            try:
+                if not isinstance(node.value, list):
+                    loader.construct_object(node)
+            except (*_YAML_DAMAGE, yaml.YAMLError):
+                return node
+        level = [child for node in level for child in _nodes_below(node)]
+    return None
 
 
 def _check_levels(level: list[Any], below: Any, where: object, *, most: int = MOST_VALUES) -> None:

@@ -123,8 +123,8 @@ def test_yaml_that_holds_itself_or_values_that_are_not_of_their_tag_is_refused()
     for text in ("!!timestamp x", "!!bool x", "!!int ''", "2001-99-99", f"{5000 * '9'}", "!!binary é"):
         with pytest.raises(VfoaError, match="not YAML"):
             parse_yaml(text, PATH)
-    with pytest.raises(VfoaError, match=r"it: not YAML: .*month must be in 1\.\.12; expected quotes"):
-        parse_yaml("day: 2001-99-99", PATH)
+    with pytest.raises(VfoaError, match=r"it:3: not YAML: .*month must be in 1\.\.12; expected quotes"):
+        parse_yaml("shot:\n  first: 2001-09-09\n  last: 2001-99-99\n", PATH)
     with pytest.raises(VfoaError, match="it:2: not YAML"):
         parse_yaml("a: 1\n b: [", PATH)
 
