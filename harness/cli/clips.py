@@ -75,10 +75,10 @@ def export_clip(
     jpeg: Annotated[bool, typer.Option("--jpg", help="Write JPEG (quality 95), not PNG.")] = False,
     limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Write only the first N frames.")] = None,
 ) -> None:
-    """Write the rectified images as files named by frame, and the camera: masks, faces and disparities are of them.
+    """Write a clip's rectified images as files named by frame, and its camera, for other programs.
 
-    What other programs make of them is read as stage outputs (datasets/README.md). A film of them is labelled in ELAN
-    or BORIS where the clip itself is none.
+    The masks, faces and disparities that they make of these images are read as stage outputs (datasets/README.md).
+    ELAN and BORIS label films: FILM writes one of a clip that is none.
     """
     from harness.clips.export import export_film, export_images
     from harness.clips.manifest import load_manifest
