@@ -248,18 +248,18 @@ def eye_on(seen: Sequence[Float]) -> tuple[Float, Float]:
 GUIDE = """\
 # How to read this recording
 
-Each frame asks: **what does each person look at?** The table *This frame* has the answer, the truth, and the error type
-of a failure; the lanes below show both over time.
+**What does each person look at?** The table *This frame* has the answer, the truth, and the error type of a wrong
+frame. The timelines below show truth, answer and verdict over time.
 
 - **Left image**: masks and boxes of the targets, in one colour per target everywhere; white boxes are heads.
-- **Scene in metres**: each target's points and 3D box, as the left camera saw them. A number at a name is the
-  attention it gets, 0 to 1.
+- **Scene in metres**: each target's points and 3D box, as the left camera saw them. The number at a name is the
+  target's attention, 0 to 1.
 - **Yellow** is the gaze, **blue** is the head: an arrow, its cones, and their rays. Rays that hit a box are bright and
   end there; rays that hit nothing are dim.
 - **Green** marks what the person truly looks at, **red** a wrong answer: a box, and a line from the eyes to it.
 - **Attention**: one curve per target; the highest is the answer. The tabs beside it show the part of each cue.
 
-A gap in a curve or lane: in these frames there was nothing to say.
+A gap in a curve or a timeline: there is no value in these frames.
 """
 
 
