@@ -66,18 +66,20 @@ class PupilCloud(ReadOnly):
         return from_rows(table, exchange, fixations)
 
 
-def _column(header: Sequence[str], names: Sequence[str], where: str) -> int:
-    """The place of the column that has one of these names."""
+def _column(header: Sequence[str], names: Sequence[str], where: str, hint: str = "") -> int:
+    """The place of the column that has one of these names; an error ends with ``hint``."""
     plain = [plain_name(name) for name in header]
     if (found := next((plain.index(name) for name in names if name in plain), None)) is None:
-        raise VfoaError(f"{where}: found {', '.join(header)[:120]}; expected Pupil Cloud's column {' or '.join(names)}")
+        expected = f"Pupil Cloud's column {' or '.join(names)}{hint}"
+        raise VfoaError(f"{where}: found {', '.join(header)[:120]}; expected {expected}")
     return found
 
 
 def _areas(path: Path, exchange: Exchange) -> dict[_Key, dict[str, str]]:
     """The areas of each fixation that is in one, by our names."""
     (line, header), *rows = even_rows(path)
-    area, *key = (_column(header, names, f"{path}:{line}") for names in (_AREAS, ("recording_id",), ("fixation_id",)))
+    area = _column(header, _AREAS, f"{path}:{line}", ", of aoi_fixations.csv")
+    key = [_column(header, (name,), f"{path}:{line}") for name in ("recording_id", "fixation_id")]
     found = defaultdict[_Key, dict[str, str]](dict)
     for _, cells in rows:
         found[cells[key[0]], cells[key[1]]].setdefault(exchange.names.translate(cells[area]), cells[area])

@@ -342,6 +342,8 @@ _OF_THE_PAIR = {
     "R": ("r", "rot", "rotation", "rotationmatrix", "rotationofcamera2", "stereorotation"),
     "T": ("t", "trans", "translation", "translationvector", "translationofcamera2", "stereotranslation"),
 }
+_MOST_RADIANS = 0.5
+"""Longest rotation vector of a pair; longer ones are probably in degrees."""
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")
 _RECTIFICATION = ("R1", "R2", "P1", "P2")
@@ -397,6 +399,11 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
     if is_posed:
         rotation = matrices["R"]
         if rotation.size == 3:  # OpenCV's rotation vector
+            if (angle := float(np.linalg.norm(rotation))) > _MOST_RADIANS:
+                raise VfoaError(
+                    f"{where}: R: found a rotation vector of {angle:.3g} rad ({np.degrees(angle):.0f} degrees); "
+                    f"expected radians, at most {_MOST_RADIANS:g}, since both cameras look the same way"
+                )
             rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
         rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)
         return rectify_pose(first, second, rotation, translation, where)

@@ -805,6 +805,12 @@ def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
         ("c.yaml", "cam0: {camera_model: omni, distortion_model: radtan}", ": .*cam0: model omni-radtan"),
         ("c.json", '{"mtxL": [1], "kL": 2, "rotMat": 3}', r": mtxL and kL both are K1"),
         ("c.json", '{"mtxL": [1], "rotMat": 3, "rms": 1}', r": found K1 \(and, not known, rotMat, rms\); expected K1"),
+        (
+            "c.yaml",
+            "".join(f"K{n}: [90, 0, 32, 0, 90, 24, 0, 0, 1]\nD{n}: [0, 0, 0, 0]\n" for n in "12")
+            + "R: [1.0, -2.0, 0.5]\nT: [-0.1, 0, 0]\n",
+            r": R: found a rotation vector of 2\.29 rad \(131 degrees\); expected radians",
+        ),
         ("c.yaml", "camera_matrix: 1\nprojection_matrix: 2", ": one camera of ROS; expected the pair"),
     ],
 )
