@@ -105,7 +105,7 @@ class Session:
         if left := ", ".join(self._history.left_over):
             notes.append(
                 f"{self.path.name} has labels of {left}, which {self.manifest.path.name} does "
-                "not have: runs are not scored until they are of another target, or the manifest has it again."
+                "not have: no run is scored until these labels have another target, or the manifest has this one again."
             )
         return " ".join(notes) or None
 

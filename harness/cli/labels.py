@@ -256,13 +256,13 @@ def agreement(
         write_together(texts)
 
 
-@app.command(name="undo", short_help="Take back the last change of a clip's labels.")
+@app.command(name="undo", short_help="Undo the last change of a clip's labels.")
 def undo(
     clip: Clip,
     annotator: Annotator = None,
-    redo: Annotated[bool, typer.Option("--redo", help="Make the change that was undone last again.")] = False,
+    redo: Annotated[bool, typer.Option("--redo", help="Redo the change that was undone last.")] = False,
 ) -> None:
-    """Take back the last change of labels, targets or drawing, as z in vfoa annotate does, or an import."""
+    """Undo the last change of labels, targets or drawing, as z in vfoa annotate does, or an import."""
     from harness.annotate.history import History
     from harness.clips.manifest import load_manifest
     from harness.labels.labels import timeline_of
@@ -273,7 +273,7 @@ def undo(
     with closing(History(manifest, annotator, timeline_of(manifest.open()))) as history:
         done = history.step_back("redo" if redo else "undo")
     if done is None:
-        hint = "a file that another program has changed begins anew"
+        hint = "it begins anew after another program has changed the file"
         raise VfoaError(f"{path}: its journal has no change to {'redo' if redo else 'undo'}; {hint}")
     say(f"{done} {'redone' if redo else 'undone'}")
 

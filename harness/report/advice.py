@@ -100,7 +100,7 @@ def _face_turned_away(run: _Run) -> Iterator[str]:
 def _no_direction(run: _Run) -> Iterator[str]:
     if run.has_images:
         yield from _faces(run)
-        yield f"gaze and head models gave nothing: look at the head boxes ({run.view} --failures)"
+        yield f"the gaze and head models gave no answer: look at the head boxes ({run.view} --failures)"
     else:
         yield "neither gaze nor head was measured in these frames"
     yield "coverage says how many frames have an answer"
@@ -129,12 +129,12 @@ def _target_not_segmented(run: _Run) -> Iterator[str]:
 
 
 def _false_attention(run: _Run) -> Iterator[str]:
-    yield f"see what was met although nothing is looked at ({run.view} --failures)"
+    yield f"see which target was predicted although the person looks at nothing ({run.view} --failures)"
     if option := run.cones(NARROW_DEG, NARROW_CM):
         yield f"try narrower cones{option}"
     if "nearest" in run.values("attention", "method"):
         yield "let the nearest target count up to a smaller angle (attention.limit_deg)"
-    yield from _other_methods(run, "which knows of nowhere")
+    yield from _other_methods(run, "which can answer nowhere")
 
 
 def _no_hit(run: _Run) -> Iterator[str]:
