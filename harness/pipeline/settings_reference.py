@@ -161,7 +161,7 @@ def _meanings(model: type[Settings]) -> dict[str, str]:
 
 
 def _value(value: Any) -> str:
-    """A value in TOML; "not set" for a null."""
+    """A value in TOML, tables inside a table left out; "not set" for a null."""
     if value is None:
         return "(not set)"
     if isinstance(value, bool):
@@ -171,7 +171,8 @@ def _value(value: Any) -> str:
     if isinstance(value, tuple | list):
         return "[" + ", ".join(map(_value, value)) + "]"
     if isinstance(value, BaseModel):
-        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value) + " }"
+        cells = (f"{key} = {'...' if isinstance(item, BaseModel) else _value(item)}" for key, item in value)
+        return "{ " + ", ".join(cells) + " }"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -188,6 +189,8 @@ def _type(annotation: Any, metadata: list[Any]) -> str:
         return " or ".join(_type(member, metadata) for member in get_args(annotation) if member is not type(None))
     if origin is tuple:
         return f"list of {_type(get_args(annotation)[0], [])}"
+    if origin is dict:
+        return f"table of names, each a {_type(get_args(annotation)[1], [])}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return f"table of {', '.join(annotation.model_fields)}"
     words = {int: "integer", float: "number", str: "text", bool: "true or false"}

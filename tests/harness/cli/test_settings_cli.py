@@ -39,6 +39,13 @@ def test_the_reference_of_a_stage_has_every_key_of_its_choices() -> None:
         settings_tables("sterio")
 
 
+def test_the_reference_shows_tables_in_short_and_no_type_of_the_code() -> None:
+    (logit,) = settings_tables("attention.logit")
+    by_key = {setting.key: (setting.type, setting.default) for setting in logit.settings}
+    assert by_key["attention.weights"] == ('table of forward, both or "left-out"', "{ forward = ..., both = ... }")
+    assert by_key["attention.by_clip"] == ("table of names, each a table of forward, both", "{}")
+
+
 def test_settings_whose_source_is_not_there_have_no_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(STEPS, "tracking", create_model("Compiled", __base__=Settings, rate_hz=(float, 25.0)))
     (table,) = settings_tables("tracking")
@@ -49,7 +56,7 @@ def test_every_key_of_the_reference_is_one_that_set_takes() -> None:
     for table in settings_tables():
         chosen = [f"{table.table}.{table.choice.replace(' ', '')}"] if table.choice else []
         optional = [setting for setting in table.settings if setting.default not in ("(required)", "(not set)")]
-        given = [f"{each.key}={each.default}" for each in optional]
+        given = [f"{each.key}={each.default}" for each in optional if "..." not in each.default]
         needed = [f"{setting.key}=x" for setting in table.settings if setting.default == "(required)"]
         (configuration,) = load_experiment(
             "default", clips=("studio_table",), overrides=(*chosen, *given, *needed)
