@@ -46,7 +46,7 @@ class BayesSettings(MethodSettings):
     smoothing: Literal["off", "forward", "both"] = "forward"
     """``off``: each frame by itself; ``forward``: also earlier frames; ``both``: also later ones."""
     look_ahead_s: float = Field(default=2.0, gt=0, le=120)
-    """How far ahead of a frame ``both`` looks, seconds."""
+    """Seconds of later frames that count with ``both``."""
 
     @property
     def expectation(self) -> str:

@@ -88,7 +88,7 @@ def read_steps(
 
 
 def is_in_region(stereo: Settings | None) -> bool:
-    """Whether a matcher with these settings is asked only for the disparities of things and heads."""
+    """Whether a matcher with these settings is asked only for the disparities of objects and heads."""
     return getattr(stereo, "region", None) == "needed"
 
 

@@ -138,10 +138,10 @@ class LogitSettings(MethodSettings):
     smoothing: Literal["forward", "both"] = "forward"
     """``forward``: also earlier frames; ``both``: also later ones."""
     look_ahead_s: float = Field(default=2.0, gt=0, le=120)
-    """How far ahead of a frame ``both`` looks, seconds."""
+    """Seconds of later frames that count with ``both``."""
     weights: LogitWeights | Literal["left-out"] = Field(default_factory=default_weights)
-    """The weights, as ``vfoa fit`` writes them; default: those of :func:`default_weights`. ``left-out``, in an
-    experiment: ``vfoa run`` fits the weights for each clip to the labels of the experiment's other clips."""
+    """The weights, as ``vfoa fit`` writes them. Default: the posterior's answer alone. ``left-out``, in an experiment:
+    ``vfoa run`` fits the weights for each clip to the labels of the experiment's other clips."""
     by_clip: dict[str, LogitWeights] = Field(default_factory=dict)
     """Weights of single clips, which ``left-out`` writes."""
 

@@ -270,7 +270,7 @@ class Configuration:
 
     @property
     def is_in_region(self) -> bool:
-        """Whether the matcher is asked only for the disparities of things and heads."""
+        """Whether the matcher is asked only for the disparities of objects and heads."""
         stereo = self.choices["stereo"]
         return stereo is not None and is_in_region(stereo.settings)
 

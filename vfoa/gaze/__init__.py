@@ -56,7 +56,7 @@ class TemporalGazeModel(Protocol):
 
 
 def choose_model() -> str:
-    """Return ``l2cs`` (MobileGaze) if its network is on this machine: its terms were accepted then; else ``adas_0002``.
+    """MobileGaze (``l2cs``) if its network is on this machine, since its terms were accepted then; else ``adas_0002``.
 
     MobileGaze is more exact on faces that turn, ADAS-0002 by a few degrees on frontal ones; the terms of MobileGaze's
     data allow no commercial use.
