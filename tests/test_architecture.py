@@ -48,7 +48,7 @@ DOORS = {
         "harness/sources/recordings/video.py",
         "harness/sources/media/images.py",
         "harness/sources/media/matroska.py",
-        "harness/sources/media/video.py",
+        "harness/sources/media/film.py",
         "harness/record/images.py",
         "harness/clips/export.py",
     ),

@@ -18,11 +18,11 @@ from harness.files.parsing import parse_json
 from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration_files.documents import Document, expect_names, numbers
 from harness.sources.depth_optics import DepthOptics, DepthRegistration
+from harness.sources.media.film import container_tags
 from harness.sources.media.frame_files import join_times, rate_of
 from harness.sources.media.images import decode_rgb
 from harness.sources.media.maps import MILLIMETRES, depth_map
 from harness.sources.media.matroska import FilmPicture, read_blocks, read_head
-from harness.sources.media.video import container_tags
 from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
 from harness.sources.rectification import RawCamera, motion_of
 from vfoa.errors import VfoaError, located

@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 
 from harness.files.digests import digest_files
 from harness.files.io import read_text
+from harness.sources.media.film import first_picture_s
 from harness.sources.media.frame_files import (
     TICKS_NS,
     StampUnit,
@@ -25,7 +26,7 @@ from harness.sources.media.frame_files import (
     rate_of,
 )
 from harness.sources.media.images import read_rgb, turn_of, width_by_height
-from harness.sources.media.video import VIDEO_SUFFIXES, Video, first_picture_s
+from harness.sources.media.video import VIDEO_SUFFIXES, Video
 from vfoa.errors import VfoaError, reported_as
 from vfoa.settings import Settings
 from vfoa.types import Image

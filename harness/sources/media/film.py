@@ -1,0 +1,224 @@
+"""A film file: its packets, and its pictures in order, from the start or from a key frame. FFmpeg decodes (PyAV).
+
+OpenCV's reader is not used: of interlaced pictures it silently returns what was in memory before (OpenCV 5.0), the last
+pictures of MPEG have no time there, and it has no decoder of AV1.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Generator, Iterator
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from harness.files.io import check_fetched
+from harness.sources.media.images import MOST_PIXELS, too_many_pixels
+from vfoa.errors import VfoaError
+from vfoa.types import Image
+
+
+def _open(path: Path) -> Any:
+    """The container of a film for reading, as PyAV has it; tags may be of any coding."""
+    import av
+
+    return av.open(f"file:{path}", metadata_errors="replace")
+
+
+class Film:
+    """The pictures of an open film. A damaged packet gives none.
+
+    ``tick_ns`` is the unit of time stamps. ``stated_hz`` and ``stated_frames`` are what the container states, or what
+    follows from its duration; None and 0 if it does not.
+
+    Raises
+    ------
+    VfoaError
+        If the file is missing, is not a video, or its pictures are too large.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._container = _opened(path)
+        self._stream = self._container.streams.video[0]
+        context = self._stream.codec_context
+        if context.width * context.height > MOST_PIXELS:
+            raise VfoaError(f"{path}: {too_many_pixels(context.width, context.height)}")
+        context.options = {"max_pixels": str(MOST_PIXELS)}
+        self._stream.thread_type = "AUTO"
+        self._pictures = self._decoded(is_begun=True)
+        self._converter: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._pictures.close()
+        self._container.close()
+
+    @property
+    def tick_ns(self) -> Fraction:
+        """The unit of time stamps."""
+        return Fraction(self._stream.time_base) * 10**9
+
+    @property
+    def stated_hz(self) -> float | None:
+        """The rate that the container states."""
+        return float(self._stream.guessed_rate) if self._stream.guessed_rate else None
+
+    @property
+    def stated_frames(self) -> int:
+        """The number of frames that the container states, or that fill its duration; 0 if neither is known."""
+        seconds = Fraction(self._container.duration or 0, 10**6)
+        return int(self._stream.frames or seconds * Fraction(self._stream.guessed_rate or 0) + Fraction(1, 2))
+
+    @property
+    def pixel_aspect(self) -> Fraction:
+        """The width of a pixel over its height."""
+        return Fraction(self._stream.sample_aspect_ratio or 1)
+
+    def packet_stamps(self) -> list[int | None]:
+        """The time stamps of all packets of pictures in the order of the file; None where there is none."""
+        return [packet.pts for packet in self._packets()]
+
+    def pictures(self) -> Iterator[Any]:
+        """The pictures that follow, as PyAV has them."""
+        return self._pictures
+
+    def next_picture(self) -> Any | None:
+        """The picture that follows; None at the end."""
+        return next(self._pictures, None)
+
+    def last_picture(self, stamp: int) -> Any | None:
+        """The last picture of the film, which is expected to have this time stamp; None if there is none."""
+        last = self.seek(stamp)
+        for picture in self._pictures:
+            last = picture
+        return last
+
+    def rgb(self, picture: Any) -> Image:
+        """The pixels of a picture, (H, W, 3) uint8 RGB."""
+        if self._converter is None:
+            from av.video.reformatter import VideoReformatter
+
+            self._converter = VideoReformatter()
+        return np.asarray(self._converter.reformat(picture, format="rgb24").to_ndarray(), dtype=np.uint8)
+
+    def seek(self, stamp: int | None) -> Any | None:
+        """Go to a key frame at or before a time stamp, if the file has an order to search in; its picture follows."""
+        import av
+
+        if stamp is None:
+            return None
+        try:
+            self._container.seek(stamp, stream=self._stream)
+        except av.FFmpegError:
+            return None
+        self._pictures = self._decoded(is_begun=False)
+        return self.next_picture()
+
+    def decodes_alone(self, stamp: int | None) -> bool:
+        """Whether the key frame at or before a time stamp, or the one after, gives a picture without its successors."""
+        import av
+
+        if stamp is None:
+            return False
+        context = self._stream.codec_context
+        context.thread_type = "NONE"
+        try:
+            self._container.seek(stamp, stream=self._stream)
+            for packet in self._packets():
+                if packet.is_keyframe:
+                    return bool([*packet.decode(), *context.decode(None)])
+        except av.FFmpegError:
+            return False
+        return True
+
+    def _decoded(self, *, is_begun: bool) -> Generator[Any]:
+        """The pictures from the present packet on; if decoding has not begun, from the first key frame on."""
+        for packet in self._packets():
+            is_begun = is_begun or packet.is_keyframe
+            if not is_begun:
+                continue
+            yield from self._given(packet)
+        yield from self._given(None)  # those that wait for the end
+
+    def _given(self, packet: Any) -> list[Any]:
+        """The pictures that the decoder gives for a packet; none of a damaged one."""
+        import av
+
+        try:
+            return list(self._stream.codec_context.decode(packet))
+        except av.FFmpegError:
+            return []
+
+    def _packets(self) -> Iterator[Any]:
+        """The packets from the present one on, up to the end or to where the file is cut off."""
+        import av
+
+        try:
+            for packet in self._container.demux(self._stream):
+                if packet.size:
+                    yield packet
+        except av.FFmpegError:
+            return
+
+
+def _opened(path: Path) -> Any:
+    import av
+
+    if not path.is_file():
+        raise VfoaError(f"{path}: no such file")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise VfoaError(f"{path}: its name is not UTF-8, which FFmpeg cannot open; rename it") from None
+    try:
+        container = _open(path)
+        stream = container.streams.video[0]
+    except (av.FFmpegError, OSError, ValueError, IndexError):
+        check_fetched(path)
+        raise VfoaError(f"{path}: not a readable video; expected a file that FFmpeg opens") from None
+    if stream.codec_context is None:
+        film = shlex.join(["ffmpeg", "-i", str(path), "-c:v", "libx264", "-crf", "15", f"{path.stem}_h264.mp4"])
+        raise VfoaError(f"{path}: its coding is unknown here; expected another, by a program that knows it: `{film}`")
+    return container
+
+
+def container_tags(path: Path) -> dict[str, str]:
+    """The tags of a film as a whole; none of a file that is no film."""
+    import av
+
+    try:
+        with _open(path) as container:
+            return dict(container.metadata)
+    except (av.FFmpegError, OSError):
+        return {}
+
+
+def first_picture_s(path: Path) -> float:
+    """The time at which a player shows a video's first picture, seconds.
+
+    Its zero is that of the container: in MPEG-4 and Matroska files the zero of the time stamps, in others, whose stamps
+    begin anywhere, the first picture or sound.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not a video.
+    """
+    import av
+
+    try:
+        with _open(path) as container:
+            stream = container.streams.video[0]
+            begins_s = float((stream.start_time or 0) * (stream.time_base or 0))
+            is_at_zero = any(name in container.format.name for name in ("mp4", "matroska"))
+            zero_s = 0.0 if is_at_zero else (container.start_time or 0) / av.time_base
+    except (av.FFmpegError, IndexError, OSError) as error:
+        raise VfoaError(f"{path}: not a readable video: {error}") from None
+    return max(begins_s - zero_s, 0.0)
