@@ -57,7 +57,7 @@ export class LabelActions {
     const { revision } = page.state;
     const attention = panel.plenty();
     await this.change({ kind: "accept", attention });
-    if (page.state.revision === revision) panel.say(`There is nothing to take over: no suggestion of ${attention} or more where nothing is labelled.`);
+    if (page.state.revision === revision) panel.say(`No frame was filled: frames without a label have no suggestion of ${attention} or more.`);
   }
 
   async confirm() {

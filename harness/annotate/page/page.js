@@ -197,7 +197,7 @@ export class Page {
     };
     const subject = [...subjects.slice(place), ...subjects.slice(0, place)].find((name) => openOf(name).length);
     if (!subject) {
-      panel.say({ unlabelled: "Every frame of every subject has a label.", undecided: "Nothing waits for a decision." }[kind] ?? "All frames to label first have a label.");
+      panel.say({ unlabelled: "Every frame of every subject has a label.", undecided: "No suggestion is undecided." }[kind] ?? "All frames to label first have a label.");
       return;
     }
     const all = openOf(subject);
@@ -342,7 +342,7 @@ export class Page {
   // Actions requested before the newer state was shown were meant for the older one.
   overtaken() {
     this.lastSeen.forget();
-    const lost = this.queue.forget() ? " What you did last was not done." : "";
+    const lost = this.queue.forget() ? " Your last change was not made." : "";
     panel.say(`The labels were changed elsewhere. This is the newer state.${lost}`);
   }
 
@@ -355,7 +355,7 @@ export class Page {
       this.drawing.take(body.drawn);
       this.update(body.state);
     }
-    panel.say(status === 409 ? "The labels or the drawing were changed elsewhere. This is the newer state. What you did last was not done." : message);
+    panel.say(status === 409 ? "The labels or the drawing were changed elsewhere. This is the newer state. Your last change was not made." : message);
   }
 
   lost(error) {

@@ -55,7 +55,7 @@ async function start() {
   if (isScored) await drawErrors(place("errors"));
   fillTables();
   if (!data.clips.some((each) => each.subjects.length)) {
-    place("timeline").append("Nobody who has a name or a label.");
+    place("timeline").append("No person has a name or a label.");
     return;
   }
   drawTimeline(place("timeline"));
