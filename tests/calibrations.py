@@ -112,6 +112,20 @@ def write_ros(folder: Path, rig: Rig) -> list[Path]:
     ]
 
 
+def write_ros_text(path: Path, rig: Rig) -> Path:
+    """What camera_calibration saves beside these files, and prints."""
+    found = rectification(rig)
+    lines = ["**** Calibrating ****", "Left:", "D = [-0.17, 0.03]"]
+    for n, side, k, d in zip((1, 2), ("left", "right"), rig.k, rig.d, strict=True):
+        lines += ["# oST version 5.0 parameters", "", "", "[image]", ""]
+        lines += ["width", f"{SIZE[0]}", "", "height", f"{SIZE[1]}", "", f"[narrow_stereo/{side}]", ""]
+        distortion = np.append(d, 0.0)[None]
+        titles = ("camera matrix", k), ("distortion", distortion), ("rectification", found[f"R{n}"])
+        for title, matrix_ in (*titles, ("projection", found[f"P{n}"])):
+            lines += [title, *(" ".join(f"{value:8f}" for value in row) for row in matrix_), ""]
+    return write_text(path, "\n".join(lines) + "\n")
+
+
 def write_ros_echo(folder: Path, rig: Rig, *, is_ros_2: bool) -> list[Path]:
     """The messages that ``rostopic echo -n1`` and ``ros2 topic echo --once`` print."""
     return [

@@ -258,6 +258,7 @@ PARSERS: Sequence[Parser] = (
     Parser("ORB-SLAM2 calibration", "mine.yaml", lambda path: calibrations.write_orb_slam_2(path, whole.RIG), _cameras),
     Parser("ORB-SLAM3 calibration", "mine.yaml", lambda path: calibrations.write_orb_slam_3(path, whole.RIG), _cameras),
     Parser("iCub calibration", "eyes.ini", lambda path: calibrations.write_icub(path, whole.RIG), _cameras),
+    Parser("ROS's ost.txt", "ost.txt", lambda path: calibrations.write_ros_text(path, whole.RIG), _cameras),
     Parser("MATLAB calibration", "mine.json", lambda path: calibrations.write_matlab(path, whole.RIG), _cameras),
     Parser("file of MATLAB", "mine.mat", lambda path: calibrations.write_toolbox(path, whole.RIG), _cameras),
     Parser("Basalt calibration", "mine.json", lambda path: calibrations.write_basalt(path, whole.RIG), _cameras),

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from harness.files.io import read_text
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files import basalt, depthai, documents, icub, matlab, orb_slam, texts
+from harness.sources.calibration_files import basalt, depthai, documents, icub, matlab, orb_slam, ros_text, texts
 from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
@@ -109,6 +109,8 @@ def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Came
     text = read_text(path)
     if icub.is_icub(text):
         return icub.PROGRAM, icub.read_icub(path, text)
+    if ros_text.is_ros_text(text):
+        return "ROS", ros_text.read_ros_text(path, text, options.baseline_m)
     if texts.is_middlebury(text):
         return "Middlebury", texts.read_middlebury(path, text)
     if texts.is_matrix(text):
@@ -157,13 +159,15 @@ def find_calibrations(
     """Return every file, or pair of files, that calibrates images of this (width, height), scaled if necessary.
 
     Paths are relative to ``root``: all files in the folder and in two levels of folders below it or, if none of them is
-    a calibration, KITTI's for all drives of a day. If there is none, the second list has a note for every file that
-    seems to be a calibration and cannot be used: it is faulty, incomplete, of other images or of a kind that is not
-    read. ``options.calibration_cameras`` applies to KITTI's files.
+    a calibration, ROS's ``ost.txt`` or KITTI's for all drives of a day. If there is none, the second list has a note
+    for every file that seems to be a calibration and cannot be used: it is faulty, incomplete, of other images or of a
+    kind that is not read. ``options.calibration_cameras`` applies to KITTI's files.
     """
     calibrations, faults = list[tuple[str, ...]](), dict[tuple[str, ...], str]()
-    for names in (*_candidates(root), _OF_THE_DAY):
-        if calibrations and names == _OF_THE_DAY:
+    candidates = [*_candidates(root), _OF_THE_DAY]
+    candidates.sort(key=_is_repetition)
+    for names in candidates:
+        if calibrations and _is_repetition(names):
             break
         # camera numbers of KITTI mean nothing for another file
         its_options = options if names[0].endswith(".txt") else options.model_copy(update={"calibration_cameras": None})
@@ -189,8 +193,8 @@ _CALIBRATION_NAME = re.compile(
     re.IGNORECASE,
 )
 _CALIBRATION_CONTENT = re.compile(
-    rb"\b(?:[KMP]1\b|camera_?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|cameraData\b|"
-    rb"Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_)",
+    rb"\b(?:[KMP]1\b|camera[_ ]?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|"
+    rb"cameraData\b|Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_)",
     re.IGNORECASE,
 )
 
@@ -210,6 +214,11 @@ def _seems_calibration(path: Path) -> bool:
 
 
 _OF_THE_DAY = ("../calib_cam_to_cam.txt",)
+
+
+def _is_repetition(names: tuple[str, ...]) -> bool:
+    """Whether a file says again, or for more images, what another one says, and counts if there is no other."""
+    return names == _OF_THE_DAY or Path(names[0]).name.lower() == ros_text.FILE_NAME
 
 
 def _candidates(root: Path) -> Iterator[tuple[str, ...]]:

@@ -73,6 +73,7 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "ros": lambda root: calibrations.write_ros(root, RIG),
     "ros 1, echo": lambda root: calibrations.write_ros_echo(root, RIG, is_ros_2=False),
     "ros 2, echo": lambda root: calibrations.write_ros_echo(root, RIG, is_ros_2=True),
+    "ros, ost.txt": lambda root: [calibrations.write_ros_text(root / "ost.txt", RIG)],
     "kalibr": lambda root: [calibrations.write_kalibr(root / "camchain.yaml", RIG)],
     "zed": lambda root: [calibrations.write_zed(root / "SN1.conf", RIG)],
     "depthai": lambda root: [calibrations.write_depthai(root / "oak.json", RIG)],
@@ -357,6 +358,30 @@ def test_a_message_of_a_part_of_the_sensor_is_refused(tmp_path: Path, before: st
     write_text(left, left.read_text(encoding="utf-8").replace(before, after))
     with pytest.raises(VfoaError, match=rf"^[^\n]*left\.yaml: camera_info: binning[^\n]*{after[-2:].strip()}[^\n]*$"):
         read_cameras([left, right], _size)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("[narrow_stereo/right]", "[narrow_stereo]", r"found \[narrow_stereo/left\], \[narrow_stereo\]; expected both"),
+        ("0.000500 0.000000", "0.000500", r"\[narrow_stereo/right\]: distortion: found 4 .*left\.yaml"),
+        ("rectification", "rectified", r"\[narrow_stereo/left\]: no rectification; expected"),
+        ("\n1280\n", "\n1280 720\n", r"\[narrow_stereo/left\]: width: found 2 numbers; expected 1"),
+    ],
+)
+def test_what_ros_s_text_lacks_is_named(tmp_path: Path, before: str, after: str, message: str) -> None:
+    path = calibrations.write_ros_text(tmp_path / "ost.txt", RIG)
+    write_text(path, path.read_text(encoding="utf-8").replace(before, after, 1))
+    with pytest.raises(VfoaError, match=message) as error:
+        read_cameras([path], _size)
+    assert str(error.value).startswith(str(path))
+    assert find_calibrations(tmp_path, _size) == ([], [str(error.value)])
+
+
+def test_ros_s_text_beside_the_files_of_both_cameras_is_no_second_calibration(tmp_path: Path) -> None:
+    calibrations.write_ros_text(tmp_path / "ost.txt", RIG)
+    calibrations.write_ros(tmp_path, RIG)
+    assert find_calibrations(tmp_path, _size) == ([("left.yaml", "right.yaml")], [])
 
 
 def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
