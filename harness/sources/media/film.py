@@ -20,6 +20,10 @@ from harness.sources.media.images import MOST_PIXELS, too_many_pixels
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
+DECODING = {"max_pixels": str(MOST_PIXELS), "flags": "+unaligned"}
+"""Options of every decoder of video: the size of pictures is limited (a packet of 100 kB can claim gigabytes), and they
+are cropped at the left as they say; FFmpeg keeps columns there by default, so that its rows in memory are aligned."""
+
 
 def _open(path: Path) -> Any:
     """The container of a film for reading, as PyAV has it; tags may be of any coding."""
@@ -46,7 +50,7 @@ class Film:
         context = self._stream.codec_context
         if context.width * context.height > MOST_PIXELS:
             raise VfoaError(f"{path}: {too_many_pixels(context.width, context.height)}")
-        context.options = {"max_pixels": str(MOST_PIXELS)}
+        context.options = DECODING
         self._stream.thread_type = "AUTO"
         self._pictures = self._decoded(is_begun=True)
         self._converter: Any = None

@@ -10,6 +10,7 @@ from typing import Any
 import av
 import numpy as np
 
+from harness.sources.media.film import DECODING
 from harness.sources.media.images import MOST_PIXELS
 from harness.sources.recordings.messages import MessageType, codec_of, picture
 from harness.sources.recordings.topics import Place, Topic
@@ -162,7 +163,7 @@ class VideoDecoder:
         if self._codec is None:
             self._codec = _decoder(content.form, self._where)
             self._codec.thread_count = 1  # threads would each hold a frame back
-            self._codec.options = {"max_pixels": str(MOST_PIXELS)}  # a packet of 100 kB can claim gigabytes
+            self._codec.options = DECODING
         packet = av.Packet(content.data)
         packet.pts = packet.dts = number
         self._fed = number

@@ -77,8 +77,21 @@ def test_every_codec_gives_each_frame_in_any_order(tmp_path: Path, name: str) ->
 def test_a_packet_of_too_many_pixels_is_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     clip = open_clip(write_sdk(tmp_path / "a.mcap", name, coded(name)))
     monkeypatch.setattr(video, "MOST_PIXELS", WIDTH * HEIGHT // 2)
+    monkeypatch.setattr(video, "DECODING", {"max_pixels": str(WIDTH * HEIGHT // 2)})
     with pytest.raises(VfoaError, match=r"frame 1: [^\n]*packet 1 .*6144 pixels"):
         clip.frame(1)
+
+
+def test_packets_are_cropped_as_they_say(tmp_path: Path) -> None:
+    packets = Encoder("libx264", WIDTH, HEIGHT, {"crf": "12", "bf": "0", "x264-params": "crop-rect=8,6,4,2"})
+    with messages(tmp_path, "mcap") as (path, write):
+        lens = Lens(width=WIDTH - 12, height=HEIGHT - 8, fx=100.0, cx=55.5, cy=41.5)
+        write.camera("/rgb/camera_info", START_NS, lens)
+        for number, data, _ in packets.packets(IMAGES):
+            write.image("/depth_to_rgb/image_raw", stamp(number), DEPTH_MM[:-8, :-12], "16UC1")
+            write.compressed("/rgb/image_raw/compressed", stamp(number), "h264", data)
+    found = open_clip(path).frame(3).left
+    assert np.abs(found.astype(int) - IMAGES[2][6:-2, 8:-4]).mean() < 3
 
 
 def test_a_seek_gives_the_very_pixels_of_reading_in_turn(tmp_path: Path) -> None:

@@ -138,6 +138,14 @@ def test_rows_of_two_times_and_oblong_pixels_are_noted(
     assert [note[: len(word)] for note, word in zip(Video(tmp_path / "a.mp4").notes, words, strict=True)] == words
 
 
+def test_pictures_are_cropped_as_they_say(tmp_path: Path) -> None:
+    """Up to columns that are not aligned in memory, which FFmpeg keeps by default."""
+    images = [moving_picture(number, 128, 96) for number in range(4)]
+    write_coded(tmp_path / "a.mp4", images, {"crf": "12", "x264-params": "crop-rect=8,6,4,2"})
+    found = Video(tmp_path / "a.mp4").read(2)
+    assert np.abs(found.astype(int) - images[2][6:-2, 8:-4]).mean() < 3
+
+
 FORMS = {"mts": "mpegts", "m2ts": "mpegts", "3gp": "mp4", "mpg": "vob", "vob": "vob", "m2v": "mpeg2video"}
 """FFmpeg's name of a form, where the end of a file's name does not tell it."""
 
