@@ -33,6 +33,8 @@ MODELS: dict[str, Model] = {
 ``plumb_bob`` in its ROS driver.
 """
 
+_MOST_SKEWED = 0.05
+"""Of the rotation in a camera's pose, what rounding may leave of its product with its transpose, less the identity."""
 _ROUNDED = 1e-6
 """Of a camera matrix, what computing may leave of zeros below its diagonal, as a share of the focal length."""
 _COEFFICIENTS: dict[Model, tuple[int, ...]] = {"plumb_bob": (0, 4, 5, 8, 12, 14), "equidistant": (0, 4)}
@@ -245,6 +247,19 @@ def motion_of(rotation: ArrayLike, translation_m: ArrayLike) -> Float:
     """The motion (4, 4) that is a rotation (3, 3) and then a translation (3,)."""
     matrix: Float = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, translation_m
+    return matrix
+
+
+def check_motion(matrix: Float, where: str) -> Float:
+    """Return a matrix (4, 4) if it is a rotation and a translation, by rows; else raise a :class:`VfoaError`.
+
+    Files have zeros for a pose that nobody has calibrated.
+    """
+    rotation = matrix[:3, :3]
+    is_rotation = (np.abs(rotation) < 2).all() and np.abs(rotation @ rotation.T - np.eye(3)).max() < _MOST_SKEWED
+    if not is_rotation or not np.allclose(matrix[3], [0, 0, 0, 1], atol=_ROUNDED):
+        found = "zeros (not set)" if not rotation.any() else str(matrix.tolist())
+        raise VfoaError(f"{where}: found {found}; expected a rotation and a translation, by rows, with 0 0 0 1 below")
     return matrix
 
 

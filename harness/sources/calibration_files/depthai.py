@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from harness.sources.calibration_files.documents import Document, numbers
-from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, motion_of, rectify_pose
+from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, check_motion, motion_of, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -56,7 +56,8 @@ def depthai_pair(document: Document, size: ImageSize, where: str) -> RawCalibrat
     ways = [_ways(cameras, number, where) for number in sockets]
     if (common := next((number for number in ways[0] if number in ways[1]), None)) is None:
         raise VfoaError(f"{where}: the extrinsics of cameras {sockets[0]} and {sockets[1]} lead to no common camera")
-    right_from_left = np.linalg.inv(ways[1][common]) @ ways[0][common]
+    common_from_right = check_motion(ways[1][common], f"{where}: camera {sockets[1]}: extrinsics")
+    right_from_left = np.linalg.inv(common_from_right) @ ways[0][common]
     return rectify_pose(left, right, right_from_left[:3, :3], right_from_left[:3, 3] * _METRES, where)
 
 

@@ -28,6 +28,7 @@ from harness.sources.rectification import (
     Model,
     RawCalibration,
     RawCamera,
+    check_motion,
     pair_of_infos,
     rectify_pose,
 )
@@ -98,6 +99,11 @@ def numbers(value: Any, where: str, count: int | None = None) -> Float:
         expected = "finite numbers" if count is None else f"{count} finite numbers"
         raise VfoaError(f"{where}: found {values.size} numbers; expected {expected}")
     return values
+
+
+def pose_of(value: Any, where: str) -> Float:
+    """Return a pose (4, 4); raises a :class:`VfoaError` if it is no rotation and translation."""
+    return check_motion(numbers(value, where, 16).reshape(4, 4), where)
 
 
 class _Loader(yaml.SafeLoader):
@@ -250,9 +256,7 @@ def euroc_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCa
     first, second = (
         _pinhole(document, "distortion_coefficients", place, "EuRoC's sensor.yaml") for document, place in pairs
     )
-    body_from_left, body_from_right = (
-        numbers(document["T_BS"], f"{place}: T_BS", 16).reshape(4, 4) for document, place in pairs
-    )
+    body_from_left, body_from_right = (pose_of(document["T_BS"], f"{place}: T_BS") for document, place in pairs)
     right_from_left = np.linalg.inv(body_from_right) @ body_from_left
     return rectify_pose(first, second, right_from_left[:3, :3], right_from_left[:3, 3], " and ".join(where))
 
@@ -295,7 +299,7 @@ def _kalibr_pose(chain: Mapping[int, Document], cameras: tuple[int, int], where:
 
     def transform(number: int, name: str) -> Float:
         expect_names(chain[number], (name,), f"{where}: cam{number}", "Kalibr's camera chain")
-        return numbers(chain[number][name], f"{where}: cam{number}: {name}", 16).reshape(4, 4)
+        return pose_of(chain[number][name], f"{where}: cam{number}: {name}")
 
     if "T_cn_cnm1" not in chain[max(cameras)]:
         if all("T_imu_cam" in chain[number] for number in cameras):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.sources.calibration import Calibration, from_projections
-from harness.sources.calibration_files.documents import Document, expect_names, numbers
+from harness.sources.calibration_files.documents import Document, expect_names, numbers, pose_of
 from harness.sources.rectification import Cameras, ImageSize, Model, RawCalibration, RawCamera, rectify_pose
 from vfoa.errors import VfoaError, check_known
 from vfoa.types import Float
@@ -81,7 +81,7 @@ def _posed(document: Document, kind: str, size: ImageSize, where: str) -> RawCal
         )
         for camera in ("Camera1", "Camera2")
     )
-    left_from_right = numbers(document["Stereo.T_c1_c2"], f"{where}: Stereo.T_c1_c2", 16).reshape(4, 4)
+    left_from_right = pose_of(document["Stereo.T_c1_c2"], f"{where}: Stereo.T_c1_c2")
     rotation = left_from_right[:3, :3].T
     return rectify_pose(left, right, rotation, -rotation @ left_from_right[:3, 3], where)
 

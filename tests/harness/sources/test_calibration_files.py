@@ -384,6 +384,15 @@ def test_ros_s_text_beside_the_files_of_both_cameras_is_no_second_calibration(tm
     assert find_calibrations(tmp_path, _size) == ([("left.yaml", "right.yaml")], [])
 
 
+def test_an_oak_whose_extrinsics_were_never_set_is_refused(tmp_path: Path) -> None:
+    def unset(found: Any) -> None:
+        for number in (1, 2):
+            found["cameraData"][number][1]["extrinsics"].update(rotationMatrix=[[0] * 3] * 3, toCameraSocket=0)
+
+    with pytest.raises(VfoaError, match=r"oak\.json: camera 2: extrinsics: found zeros"):
+        read_cameras(_depthai(tmp_path, unset), _size)
+
+
 def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
     """cam0 stands right of cam1, which stands right of cam2, 0.1 m each, so that cam2 and cam0 are 0.2 m apart."""
     step = np.eye(4)
@@ -634,6 +643,14 @@ def _kalibr(root: Path, **changes: Any) -> list[Path]:
     return [write_yaml(path, chain)]
 
 
+def _euroc_without_pose(root: Path) -> list[Path]:
+    """Both files as a template has them: poses of zeros."""
+    pose = {"rows": 4, "cols": 4, "data": [0.0] * 16}
+    lens = {"camera_model": "pinhole", "distortion_model": "none", "intrinsics": [700, 700, 640, 360]}
+    camera = {**lens, "resolution": list(SIZE), "T_BS": pose}
+    return [write_yaml(root / f"cam{number}" / "sensor.yaml", camera) for number in (0, 1)]
+
+
 def _zed_without_k2(root: Path) -> list[Path]:
     (path,) = FORMATS["zed"](root)
     return [write_text(path, path.read_text().replace("k2=", "k_2="))]
@@ -660,6 +677,9 @@ def _two_zeds(root: Path) -> list[Path]:
 
 
 FIRST = Options(calibration_cameras=(0, 1))
+UNSET = np.zeros((4, 4)).tolist()
+IN_COLUMNS = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [-0.12, 0, 0, 1]]
+"""A pose by columns."""
 
 
 @pytest.mark.parametrize(
@@ -674,6 +694,15 @@ FIRST = Options(calibration_cameras=(0, 1))
         ),
         (partial(_kalibr, intrinsics=None), Options(), "cam1: no intrinsics"),
         (partial(_kalibr, distortion_model="fov"), Options(), "cam1: model pinhole-fov"),
+        # poses that were not set
+        (
+            partial(_kalibr, T_cn_cnm1=np.zeros((4, 4)).tolist()),
+            Options(calibration_cameras=(1, 0)),
+            "T_cn_cnm1: .*zeros",
+        ),
+        (partial(_kalibr, T_cn_cnm1=np.ones((4, 4)).tolist()), Options(), "cam1: T_cn_cnm1: found .*a rotation"),
+        (partial(_kalibr, T_cn_cnm1=IN_COLUMNS), Options(), "cam1: T_cn_cnm1: found .*by rows"),
+        (_euroc_without_pose, Options(), r"sensor\.yaml: T_BS: found zeros \(not set\)"),
         (_zed_without_k2, Options(), r"SN1\.conf: .*K2: found None"),
         (_changed("orb-slam 3", '"PinHole"', '"Pinhole"'), Options(), r"Camera\.type: no 'Pinhole'.*PinHole"),
         (_changed("orb-slam 3", "Camera2.fx", "Camera2.f"), Options(), r"no Camera2\.fx; expected two cameras"),
