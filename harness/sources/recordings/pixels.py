@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -52,7 +53,23 @@ def read_image(kind: MessageType, data: bytes, where: str) -> Image:
         raise VfoaError(
             f"{where}: a packet of a video ({content.form}) on a topic that began with a picture; expected one of them"
         )
-    return decode_rgb(content.data, where) if content.size_px is None else rgb(content, where)
+    return _decoded(content, where) if content.size_px is None else rgb(content, where)
+
+
+_MOSAIC = re.compile(r"(bayer_[rgb]{4})(?:8|16); *\w+ compressed *(?:bayer_\w+)?")
+"""Format of a compressed mosaic: compressed_image_transport keeps it, and names the encoding before and after."""
+
+
+def _decoded(content: ImageMessage, where: str) -> Image:
+    """The picture (H, W, 3) uint8 RGB of a compressed one; the colours of a mosaic that was compressed as gray."""
+    if (mosaic := _MOSAIC.fullmatch(content.form)) is None:
+        return decode_rgb(content.data, where)
+    samples = decode(content.data, where, cv2.IMREAD_UNCHANGED)
+    if samples.ndim != 2:
+        return decode_rgb(content.data, where)
+    form, size_px = f"{mosaic[1]}{8 * samples.itemsize}", (samples.shape[1], samples.shape[0])
+    data = samples.astype(samples.dtype.newbyteorder("<")).tobytes()
+    return rgb(replace(content, form=form, size_px=size_px, step=len(data) // len(samples), data=data), where)
 
 
 def rgb(raw: ImageMessage, where: str) -> Image:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -89,6 +90,29 @@ def test_a_bayer_mosaic_of_one_colour_is_that_colour(bits: int, colour: tuple[in
     samples = mosaic if bits == 8 else mosaic.astype("<u2") << 8
     found = rgb(raw(f"bayer_{pattern}{bits}", samples), "x")
     assert (found == np.array(colour)).all()
+
+
+@pytest.mark.parametrize(
+    ("form", "bits", "is_mosaic"),
+    [
+        ("bayer_gbrg8; png compressed ", 8, True),
+        ("bayer_gbrg8; png compressed bayer_gbrg8", 8, True),
+        ("bayer_gbrg16; png compressed ", 16, True),
+        ("bayer_gbrg8; png compressed mono8", 8, False),
+    ],
+)
+def test_a_compressed_mosaic_has_its_colours(
+    form: str, bits: int, is_mosaic: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """compressed_image_transport leaves a mosaic as it is, or makes it gray and says so."""
+    mosaic = np.tile(np.array([[90, 30], [200, 90]], np.uint8), (HEIGHT // 2, WIDTH // 2))
+    samples = mosaic if bits == 8 else mosaic.astype(np.uint16) << 8
+    data = cv2.imencode(".png", samples)[1].tobytes()
+    content = ImageMessage(form=form, data=data)
+    monkeypatch.setattr(pixels, "picture", lambda kind, data, where: content)
+    found = pixels.read_image(None, b"", "/left")  # type: ignore[arg-type]
+    expected = np.broadcast_to([200, 90, 30], found.shape) if is_mosaic else np.repeat(mosaic[..., None], 3, axis=2)
+    assert np.array_equal(found, expected)
 
 
 @given(y=st.integers(16, 235), u=st.integers(90, 166), v=st.integers(90, 166))
