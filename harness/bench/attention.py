@@ -84,7 +84,7 @@ Scenes = Sequence[tuple[Scene, Tracked]]
 
 
 def seeded_scenes(*, boxes: int, subjects: int, frames: int = 30) -> Scenes:
-    """Scenes of a room, the same in every call: things at rest, and people who move."""
+    """Scenes of a room, the same in every call: objects at rest, and people who move."""
     subjects_at_rest, targets = seeded_frame(boxes=boxes, subjects=subjects)
     rng, tracks = np.random.default_rng(1), range(1, subjects + 1)
     found = []
@@ -178,7 +178,7 @@ def methods_table(ms_by_method: Mapping[str, Mapping[str, float]]) -> Table:
         rows=tuple((name, *(f"{ms:.2f}" for ms in row.values())) for name, row in ms_by_method.items()),
         words=1,
         notes=(
-            "Scenes in memory, attended to in order by each method alone: things at rest, and people who move; in the "
+            "Scenes in memory, attended to in order by each method alone: objects at rest, and people who move; in the "
             "last column those of the clip. One thread; the best of several rounds.",
         ),
     )

@@ -68,7 +68,7 @@ def doctor() -> None:
     findings = [*_packages(), *_weights(), *_surroundings()]
     needed = [finding.what for finding in (*findings, *folders) if finding.required and finding.fix]
     if needed:
-        say(f"vfoa: doctor: `vfoa run CLIP` cannot work yet; not ready: {', '.join(needed)}", err=True)
+        say(f"vfoa: doctor: `vfoa run CLIP` cannot work yet; not ready: {', '.join(needed)}{_fetch_all()}", err=True)
     else:
         say("`vfoa run CLIP` can work here.")
     print_table(
@@ -80,6 +80,16 @@ def doctor() -> None:
         say(f"{finding.what}: {finding.state}{f'; {finding.fix}' if finding.fix else ''}")
     if needed:
         raise typer.Exit(2)
+
+
+def _fetch_all() -> str:
+    """The end of a sentence with the one command that fetches all models of a default run; empty if they are here."""
+    from harness.pipeline.weights import missing_weights
+    from harness.run.experiment import load_experiment
+
+    (default,) = load_experiment("default", clips=("any",)).configurations
+    missing = missing_weights(default.stages)
+    return f"; `{missing.fetch}` fetches the models it takes" if missing else ""
 
 
 def _packages() -> Iterator[Finding]:

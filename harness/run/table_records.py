@@ -158,7 +158,7 @@ def rows_by_frame(path: Path, table: str, group: int, frames: Sequence[int]) -> 
 
 @lru_cache(maxsize=1024)
 def target_record(row: Row) -> TargetRecord:
-    """The record of a row of ``instances``; equal rows, such as those of things at rest, share one record."""
+    """The record of a row of ``instances``; equal rows, such as those of objects at rest, share one record."""
     instance_id, name, label, _, _, _, score, box_px, points, center_m, half_size_m, axes = row
     box = None
     if None not in (center_m, half_size_m, axes):

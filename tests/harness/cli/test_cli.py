@@ -257,12 +257,15 @@ def test_the_doctor_fails_where_a_stage_has_no_model(
     for entry in catalogue().values():
         if (entry.stage or "").startswith("gaze."):
             (models / entry.file).unlink(missing_ok=True)
+    (models / catalogue()["yunet"].file).unlink()
     code, out, said = vfoa(monkeypatch, capsys, "doctor")
     (line,) = _lines(out, "gaze (default")
     assert "ready: none" in line
     assert code == 2
     assert said.count("\n") == 1
     assert "gaze (default adas_0002)" in said
+    (command,) = re.findall("`(vfoa models fetch .*?)`", said)
+    assert {"yunet", "adas-0002", "adas-head-pose"} == {*command.split()[3:]}
 
 
 def test_the_doctor_fails_where_a_package_cannot_be_imported(
