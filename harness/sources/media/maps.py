@@ -158,7 +158,10 @@ def _read_exr(path: Path) -> NDArray[Any]:
         raise VfoaError(
             f"{path}: found channels {', '.join(channels)}; expected depth as one of: {', '.join(_CHANNELS)}"
         )
-    z = np.asarray(channels[name], np.float32)
+    z = channels[name]
+    if np.issubdtype(z.dtype, np.integer):
+        return np.asarray(z)
+    z = z.astype(np.float32)
     return np.where(z < _BACKGROUND, z, np.float32(np.nan))
 
 

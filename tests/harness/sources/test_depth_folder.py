@@ -16,6 +16,7 @@ from harness.cli.clips import app
 from harness.clips.add import add_clip
 from harness.clips.manifest import load_manifest
 from harness.sources.depth_folder import DepthFolderClip, DepthFolderSettings
+from harness.sources.media.maps import read_depth_file
 from tests.adapter_contract import check_contract
 from tests.disk import HEIGHT, WIDTH, picture, write_image, write_text
 from vfoa.errors import VfoaError
@@ -232,6 +233,19 @@ def test_what_is_no_aligned_depth_is_refused(tmp_path: Path, shape: tuple[int, .
     settings = DepthFolderSettings.model_validate({"colour": "rgb", "depth": "depth", "camera": CAMERA})
     with pytest.raises(VfoaError, match=says):
         DepthFolderClip(settings, root).frame(3)
+
+
+@pytest.mark.parametrize("suffix", ["npy", "exr", "png", "tif", "pgm"])
+def test_whole_numbers_are_millimetres_in_every_file(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "npy":
+        np.save(path, counts(3, 1000.0))
+    elif suffix == "exr":
+        with OpenEXR.File({}, {"Z": counts(3, 1000.0).astype(np.uint32)}) as file:
+            file.write(str(path))
+    else:
+        write_counts(path, 3)
+    np.testing.assert_allclose(read_depth_file(path, None), metres(3), rtol=1e-6)
 
 
 def test_depth_in_another_unit_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
