@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -58,6 +59,9 @@ def collect_greatest(pixels: NDArray[Any]) -> None:
 def read_rgb(path: Path, *, upright: bool = False) -> Image:
     """Read an image (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8.
 
+    A file that states its bits is scaled by them instead: AVIF, JPEG 2000, and PGM and PPM, whose header has the value
+    of white.
+
     ``upright``: turn and mirror it as its orientation (EXIF) says, as viewers and OpenCV do. Else its pixels are those
     of the sensor, with which measured depth is aligned.
 
@@ -71,10 +75,26 @@ def read_rgb(path: Path, *, upright: bool = False) -> Image:
 
 def decode_rgb(data: bytes, where: str, *, upright: bool = False) -> Image:
     """As :func:`read_rgb`, from a file's bytes; ``where`` names the file in messages."""
-    if is_collecting():
-        collect_greatest(decode(data, where, cv2.IMREAD_UNCHANGED))
+    if (header := _NETPBM.match(data)) and int(header[1]) not in (_BRIGHTEST, np.iinfo(np.uint16).max):
+        return _scaled(decode(data, where, cv2.IMREAD_UNCHANGED), int(header[1]))
     image = decode(data, where, cv2.IMREAD_COLOR | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION))
+    if is_collecting():
+        deep = decode(data, where, cv2.IMREAD_UNCHANGED)
+        if int(image.max(initial=0)) <= (int(deep.max(initial=0)) >> 8) + 1:  # AVIF states its bits, and is scaled
+            collect_greatest(deep)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+_BRIGHTEST = 255
+_NETPBM = re.compile(rb"P[56](?:(?:\s|#[^\n]*\n)+\d+){2}(?:\s|#[^\n]*\n)+([1-9]\d*)\s")
+"""Header of a PGM or PPM in binary, up to the value of white, which OpenCV does not use."""
+
+
+def _scaled(values: NDArray[Any], white: int) -> Image:
+    """Gray (H, W) or BGR (H, W, 3) with this value of white as RGB (H, W, 3) uint8."""
+    levels = (values.astype(np.uint32) * _BRIGHTEST + white // 2) // white
+    pixels = np.minimum(levels, _BRIGHTEST).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB if pixels.ndim == 2 else cv2.COLOR_BGR2RGB), np.uint8)
 
 
 _ORIENTATION = 0x0112

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image, ImageOps
 
-from harness.sources.media.images import read_raw, read_rgb, turn_of
+from harness.sources.media.images import greatest_values, read_raw, read_rgb, turn_of
 from tests.disk import picture, write_bytes, write_image
 from vfoa.errors import VfoaError
 
@@ -34,6 +34,31 @@ def test_gray_and_16_bit_images_become_8_bit_rgb(tmp_path: Path) -> None:
     expected = np.repeat(gray[..., None], 3, axis=2)
     assert np.array_equal(read_rgb(write_image(tmp_path / "gray.png", gray)), expected)
     assert np.array_equal(read_rgb(write_image(tmp_path / "deep.png", gray.astype(np.uint16) << 8)), expected)
+
+
+@pytest.mark.parametrize("white", [100, 255, 1023, 4095, 65535])
+@pytest.mark.parametrize(("magic", "shape"), [("P5", (3, 4)), ("P6", (3, 4, 3))])
+def test_white_is_what_the_header_of_a_pgm_or_ppm_states(
+    tmp_path: Path, magic: str, shape: tuple[int, ...], white: int
+) -> None:
+    values = np.linspace(0, white, int(np.prod(shape))).astype(int).reshape(shape)
+    header = f"{magic}\n# by 1 camera\n4 3\n{white}\n".encode()
+    data = values.astype("u1" if white < 256 else ">u2").tobytes()
+    found = read_rgb(write_bytes(tmp_path / "a.ppm", header + data))
+    expected = values * 255 / white if values.ndim == 3 else np.repeat(values[..., None] * 255 / white, 3, axis=2)
+    assert np.abs(found - expected).max() < 1
+    raw = read_raw(tmp_path / "a.ppm")
+    assert np.array_equal(raw, values)
+
+
+@pytest.mark.parametrize(("suffix", "is_cut"), [("png", True), ("avif", False)])
+def test_twelve_bits_are_not_cut_in_a_file_that_states_them(tmp_path: Path, suffix: str, is_cut: bool) -> None:
+    values = np.repeat(np.linspace(0, 4095, 32 * 64).astype(np.uint16).reshape(32, 64, 1), 3, axis=2)
+    options = [cv2.IMWRITE_AVIF_DEPTH, 12] if suffix == "avif" else []
+    path = write_bytes(tmp_path / f"a.{suffix}", cv2.imencode(f".{suffix}", values, options)[1].tobytes())
+    with greatest_values() as greatest:
+        read_rgb(path)
+    assert bool(greatest) == is_cut
 
 
 def test_raw_values_keep_their_16_bits(tmp_path: Path) -> None:
