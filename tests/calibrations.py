@@ -338,6 +338,33 @@ def write_openvins(path: Path, rig: Rig, *, is_inverse: bool = False) -> Path:
     return write_text(path, "%YAML:1.0 # OpenCV reads it\n" + write_yaml(path, chain).read_text(encoding="utf-8"))
 
 
+def write_vins(path: Path, rig: Rig) -> Path:
+    """The configuration of VINS-Fusion, and the files of both cameras beside it."""
+    lines = ["%YAML:1.0", "", "imu: 1", "num_of_cam: 2", 'imu_topic: "/imu0"', "estimate_extrinsic: 0   # accurate"]
+    for (n, pose), camera in zip(enumerate(_imu_from_cameras(rig)), write_camodocal(path.parent, rig), strict=True):
+        lines += [f'cam{n}_calib: "{camera.name}"', *_opencv_lines(f"body_T_cam{n}", pose)]
+    return write_text(path, "\n".join([*lines, "gyr_w: 1.0e-4", "td: 0.0"]) + "\n")
+
+
+def write_camodocal(folder: Path, rig: Rig) -> list[Path]:
+    """A file of each camera."""
+    is_pinhole = rig.model == "plumb_bob"
+    kind, of_lens = ("PINHOLE", "k1 k2 p1 p2") if is_pinhole else ("KANNALA_BRANDT", "k2 k3 k4 k5")
+    of_matrix = "fx fy cx cy" if is_pinhole else "mu mv u0 v0"
+    paths = []
+    for n, (k, d) in enumerate(zip(rig.k, rig.d, strict=True)):
+        lens, matrix_ = (
+            [f"   {name}: {value:.16e}" for name, value in zip(names.split(), values, strict=True)]
+            for names, values in ((of_lens, d), (of_matrix, k[[0, 1, 0, 1], [0, 1, 2, 2]]))
+        )
+        lines = ["%YAML:1.0", "---", f"model_type: {kind}", "camera_name: camera"]
+        lines += [f"image_width: {SIZE[0]}", f"image_height: {SIZE[1]}"]
+        lines += ["distortion_parameters:", *lens] if is_pinhole else []
+        lines += ["projection_parameters:", *([] if is_pinhole else lens), *matrix_]
+        paths.append(write_text(folder / f"lens{n}.yaml", "\n".join(lines) + "\n"))
+    return paths
+
+
 def write_basalt(path: Path, rig: Rig) -> Path:
     kind, names = ("pinhole-radtan8", "k1 k2 p1 p2 k3 k4 k5 k6") if rig.model == "plumb_bob" else ("kb4", "k1 k2 k3 k4")
     poses, intrinsics = [], []

@@ -89,6 +89,20 @@ def _cameras(path: Path) -> Any:
     return read_cameras([path], lambda: whole.SIZE)
 
 
+def _vins(path: Path) -> Any:
+    """A configuration beside the files of both cameras."""
+    calibrations.write_camodocal(path.parent, whole.RIG)
+    return _cameras(path)
+
+
+def _camodocal(path: Path) -> Any:
+    """A camera's file in the place of the left one."""
+    damaged = path.read_bytes()
+    configuration = calibrations.write_vins(path.parent / "vins.yaml", whole.RIG)
+    path.write_bytes(damaged)
+    return _cameras(configuration)
+
+
 def _camera(path: Path) -> Any:
     return read_one_camera(path, whole.SIZE)
 
@@ -257,6 +271,14 @@ PARSERS: Sequence[Parser] = (
     Parser("Kalibr calibration", "camchain.yaml", lambda path: calibrations.write_kalibr(path, whole.RIG), _cameras),
     Parser("ORB-SLAM2 calibration", "mine.yaml", lambda path: calibrations.write_orb_slam_2(path, whole.RIG), _cameras),
     Parser("ORB-SLAM3 calibration", "mine.yaml", lambda path: calibrations.write_orb_slam_3(path, whole.RIG), _cameras),
+    Parser("VINS-Fusion calibration", "vins.yaml", lambda path: calibrations.write_vins(path, whole.RIG), _vins),
+    Parser(
+        "camera of camodocal",
+        "lens0.yaml",
+        lambda path: calibrations.write_camodocal(path.parent, whole.RIG)[0],
+        _camodocal,
+        names_file=False,  # with what is wrong of the pair, it names the configuration
+    ),
     Parser("iCub calibration", "eyes.ini", lambda path: calibrations.write_icub(path, whole.RIG), _cameras),
     Parser("ROS's ost.txt", "ost.txt", lambda path: calibrations.write_ros_text(path, whole.RIG), _cameras),
     Parser("MATLAB calibration", "mine.json", lambda path: calibrations.write_matlab(path, whole.RIG), _cameras),

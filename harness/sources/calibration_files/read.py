@@ -15,7 +15,7 @@ from pydantic import Field
 
 from harness.files.io import read_text
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files import basalt, depthai, documents, icub, matlab, orb_slam, ros_text, texts
+from harness.sources.calibration_files import basalt, depthai, documents, icub, matlab, orb_slam, ros_text, texts, vins
 from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
@@ -37,11 +37,11 @@ _MOST_ALIKE = 20
 class Options(Settings):
     """Settings of a manifest for what a calibration's file does not contain.
 
-    ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr
-    and Basalt. ``calibration_unit`` is that of the translation; by default metres, or what MATLAB's file says.
-    ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``. ``rectified``: the images are rectified already, although the
-    file also says how to rectify. ``baseline_m``: the distance of the two cameras, which replaces the file's or
-    completes a file without one.
+    ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr,
+    Basalt and VINS-Fusion. ``calibration_unit`` is that of the translation; by default metres, or what MATLAB's file
+    says. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``. ``rectified``: the images are rectified already,
+    although the file also says how to rectify. ``baseline_m``: the distance of the two cameras, which replaces the
+    file's or completes a file without one.
     """
 
     calibration_cameras: tuple[int, int] | None = None
@@ -52,6 +52,10 @@ class Options(Settings):
 
 
 NO_OPTIONS = Options()
+
+
+_CHOOSING = ("KITTI", "Kalibr", basalt.PROGRAM, vins.PROGRAM)
+"""Programs whose files may hold more than two cameras."""
 
 
 def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_OPTIONS) -> Cameras:
@@ -85,7 +89,7 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     else:
         program, cameras = _read_text(paths[0], size, options)
     where = " and ".join(map(str, paths))
-    if (chosen := options.calibration_cameras) is not None and program not in ("KITTI", "Kalibr", basalt.PROGRAM):
+    if (chosen := options.calibration_cameras) is not None and program not in _CHOOSING:
         raise VfoaError(f"{where}: calibration_cameras: found {chosen}; expected none for a file of {program}")
     if options.fisheye and program != "OpenCV":
         raise VfoaError(f"{where}: fisheye: found true; expected it for files of OpenCV only, this is of {program}")
@@ -137,6 +141,8 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
         return "Kalibr", documents.kalibr_pair(merged, options.calibration_cameras or (0, 1), where)
     if basalt.is_basalt(merged):
         return basalt.PROGRAM, basalt.basalt_pair(merged, options.calibration_cameras or (0, 1), where)
+    if vins.is_vins(merged):
+        return vins.PROGRAM, vins.vins_pair(merged, options.calibration_cameras or (0, 1), paths)
     if orb_slam.is_orb_slam(merged):
         return orb_slam.PROGRAM, orb_slam.orb_slam_pair(merged, size, where, rectified=options.rectified)
     if matlab.is_matlab(merged):
@@ -194,7 +200,7 @@ _CALIBRATION_NAME = re.compile(
 )
 _CALIBRATION_CONTENT = re.compile(
     rb"\b(?:[KMP]1\b|camera[_ ]?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|"
-    rb"cameraData\b|Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_)",
+    rb"cameraData\b|Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_|body_T_cam0\b)",
     re.IGNORECASE,
 )
 

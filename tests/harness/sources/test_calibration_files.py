@@ -83,6 +83,7 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "kalibr, in the imu's frame": lambda root: [
         calibrations.write_openvins(root / "camchain.yaml", RIG, is_inverse=True)
     ],
+    "vins-fusion": lambda root: [calibrations.write_vins(root / "mine_config.yaml", RIG)],
     "basalt": lambda root: [calibrations.write_basalt(root / "mine.json", RIG)],
     "icub": lambda root: [calibrations.write_icub(root / "outputCalib.ini", RIG)],
     "opencv lists, yaml": lambda root: [calibrations.write_opencv_lists(_below(root) / "c.yml", RIG)],
@@ -209,8 +210,9 @@ def test_fisheye_lenses_of_every_program(tmp_path: Path) -> None:
     oak = _raw([calibrations.write_depthai(tmp_path / "oak.json", FISHEYE)])
     orb_slam = _raw([calibrations.write_orb_slam_3(tmp_path / "mine.yaml", FISHEYE)])
     basalt = _raw([calibrations.write_basalt(tmp_path / "mine.json", FISHEYE)])
+    vins = _raw([calibrations.write_vins(tmp_path / "vins.yaml", FISHEYE)])
     assert kalibr.rectified() == opencv.rectified()
-    for found in (kalibr, zed, oak, orb_slam, basalt):
+    for found in (kalibr, zed, oak, orb_slam, basalt, vins):
         _assert_rows_match_and_depths_come_back(found, FISHEYE, _points(1))
 
 
@@ -391,6 +393,41 @@ def test_an_oak_whose_extrinsics_were_never_set_is_refused(tmp_path: Path) -> No
 
     with pytest.raises(VfoaError, match=r"oak\.json: camera 2: extrinsics: found zeros"):
         read_cameras(_depthai(tmp_path, unset), _size)
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after", "message"),
+    [
+        ("vins.yaml", "extrinsic: 0", "extrinsic: 2", r"vins\.yaml: estimate_extrinsic: found 2"),
+        ("vins.yaml", "body_T_cam1", "body_T_cam2", r"vins\.yaml: no body_T_cam1; expected"),
+        ("vins.yaml", "lens1", "none", r"vins\.yaml: cam1_calib: no file .*none\.yaml"),
+        ("lens1.yaml", "PINHOLE", "MEI", r"lens1\.yaml: model_type: no 'MEI'.*PINHOLE"),
+        ("lens1.yaml", "   fx:", "   f:", r"lens1\.yaml: projection_parameters: no fx"),
+        ("lens0.yaml", "   p2:", "   p3:", r"lens0\.yaml: distortion_parameters: no p2"),
+    ],
+)
+def test_what_is_wrong_in_vins_fusion_s_files_is_named(
+    tmp_path: Path, name: str, before: str, after: str, message: str
+) -> None:
+    path = calibrations.write_vins(tmp_path / "vins.yaml", RIG)
+    text = (tmp_path / name).read_text(encoding="utf-8")
+    assert before in text
+    write_text(tmp_path / name, text.replace(before, after, 1))
+    with pytest.raises(VfoaError, match=message):
+        read_cameras([path], _size)
+    found, faults = find_calibrations(tmp_path, _size)
+    assert found == []
+    assert any(re.search(message, fault) for fault in faults)
+
+
+def test_cameras_of_camodocal_need_the_configuration_that_names_them(tmp_path: Path) -> None:
+    path = calibrations.write_vins(tmp_path / "vins.yaml", RIG)
+    with pytest.raises(VfoaError, match=r"vins\.yaml: the baseline is -0\.1199"):
+        read_cameras([path], _size, Options(calibration_cameras=(1, 0)))
+    path.unlink()
+    found, faults = find_calibrations(tmp_path, _size)
+    assert found == []
+    assert all("lens" in fault and "body_T_cam0" in fault for fault in faults)
 
 
 def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
