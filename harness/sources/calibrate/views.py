@@ -63,7 +63,8 @@ def chessboard(columns: int, rows: int, square_m: float) -> Board:
 def charuco_board(columns: int, rows: int, square_m: float, marker_m: float, dictionary: str) -> Board:
     """A board of this many squares, sides of a square and of a marker in metres, with markers of OpenCV's dictionary.
 
-    It may be partly visible; the corners beside decoded markers are found.
+    It may be partly visible; the corners beside decoded markers are found. Boards with an even number of rows are found
+    in both of their patterns: OpenCV before 4.6 and some generators begin them with a marker, not with a black square.
 
     Raises
     ------
@@ -80,13 +81,19 @@ def charuco_board(columns: int, rows: int, square_m: float, marker_m: float, dic
             f"{dictionary}: {count} markers; expected at least {columns * rows // 2} for {columns} x {rows} squares"
         )
     board = cv2.aruco.CharucoBoard((columns, rows), square_m, marker_m, markers)
-    detector = cv2.aruco.CharucoDetector(board)
+    detectors = [cv2.aruco.CharucoDetector(board)]
+    if rows % 2 == 0:
+        older = cv2.aruco.CharucoBoard((columns, rows), square_m, marker_m, markers)
+        older.setLegacyPattern(True)
+        detectors.append(cv2.aruco.CharucoDetector(older))
 
     def find(image: Image) -> dict[int, Float]:
-        corners, ids, _, _ = detector.detectBoard(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
-        if ids is None:
-            return {}
-        return dict(zip(ids.ravel().tolist(), np.asarray(corners, np.float64).reshape(-1, 2), strict=True))
+        gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        for detector in detectors:
+            corners, ids, _, _ = detector.detectBoard(gray)
+            if ids is not None:
+                return dict(zip(ids.ravel().tolist(), np.asarray(corners, np.float64).reshape(-1, 2), strict=True))
+        return {}
 
     return Board(columns=columns - 1, points_m=np.asarray(board.getChessboardCorners(), np.float64), find=find)
 

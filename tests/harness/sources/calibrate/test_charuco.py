@@ -32,24 +32,25 @@ TRANSLATION = np.array([-0.09, 0.001, 0.002])
 FINE = 60  # pixels of the drawn board in a square
 
 
-def _drawn() -> Image:
-    """The board as it is printed, with a white margin of one square."""
+def _drawn(*, begins_with_marker: bool) -> Image:
+    """The board as it is printed, with a white margin of one square; OpenCV before 4.6 begins it with a marker."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
     board = cv2.aruco.CharucoBoard((COLUMNS, ROWS), SQUARE_M, MARKER_M, dictionary)
+    board.setLegacyPattern(begins_with_marker)
     drawn = board.generateImage((COLUMNS * FINE, ROWS * FINE), marginSize=0)
     return cv2.copyMakeBorder(drawn, FINE, FINE, FINE, FINE, cv2.BORDER_CONSTANT, value=255)
 
 
-DRAWN = _drawn()
+DRAWN = _drawn(begins_with_marker=False)
 
 
-def _seen(rotation: Float, translation: Float) -> Image:
+def _seen(rotation: Float, translation: Float, drawn: Image = DRAWN) -> Image:
     """The board at x_camera = rotation x_board + translation, drawn twice as large and averaged down."""
     metres = np.array([[1, 0, 0.5 - FINE], [0, 1, 0.5 - FINE], [0, 0, FINE / SQUARE_M]]) * SQUARE_M / FINE
     double = np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]])
     plane = np.column_stack([rotation[:, :2], translation])
     width, height = 2 * SIZE[0], 2 * SIZE[1]
-    large = cv2.warpPerspective(DRAWN, double @ K @ plane @ metres, (width, height), borderValue=110)
+    large = cv2.warpPerspective(drawn, double @ K @ plane @ metres, (width, height), borderValue=110)
     return cv2.cvtColor(cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2RGB)
 
 
@@ -77,9 +78,10 @@ def _write(folder: Path, pairs: list[tuple[Image, Image]]) -> None:
         write_image(folder / f"right{number:02d}.png", right)
 
 
-def test_corners_are_where_the_cameras_see_them() -> None:
+@pytest.mark.parametrize("begins_with_marker", [False, True])
+def test_corners_are_where_the_cameras_see_them(begins_with_marker: bool) -> None:
     rotation, translation = cv2.Rodrigues(np.array([0.2, -0.3, 0.1]))[0], np.array([-0.1, -0.1, 0.5])
-    seen = BOARD.find(_seen(rotation, translation))
+    seen = BOARD.find(_seen(rotation, translation, _drawn(begins_with_marker=begins_with_marker)))
     points = BOARD.points_m[list(seen)] @ rotation.T + translation
     assert len(points) == (COLUMNS - 1) * (ROWS - 1)
     pixels = np.array(list(seen.values()))
