@@ -369,14 +369,17 @@ _ROLES = {name: role for role, names in _OF_THE_PAIR.items() for name in names} 
 def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
     """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
 
-    P1 and P2 without distortion, rotation or translation describe images that are rectified already.
+    P1 and P2 without distortion, rotation or translation describe images that are rectified already. Of these four, a
+    matrix of zeros was not computed, and does not count.
 
     Raises
     ------
     VfoaError
         If a matrix is missing, occurs under two names, or has a wrong shape.
     """
-    matrices = _opencv_matrices(document, where)
+    read = _opencv_matrices(document, where)
+    unset = [name for name in _RECTIFICATION if name in read and not read[name].any()]
+    matrices = {name: matrix for name, matrix in read.items() if name not in unset}
     size_px = _opencv_size(document, matrices, where)
     unrectified = [
         name for name in ("R", "T", "D1", "D2", "R1", "R2") if name in matrices and not _is_trivial(matrices[name])
@@ -414,6 +417,8 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
     there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
     if others := [name for name, _ in _one_level(document) if _role(name) is None]:
         there += f" (and, not known, {listed(others, 8)})"
+    if unset:
+        there += f", and zeros as {', '.join(unset)}"
     if matrices.keys() >= {"P1", "P2"}:
         raise VfoaError(
             f"{where}: holds {' and '.join(unrectified)} of an unrectified pair but not all that rectifies it: found "

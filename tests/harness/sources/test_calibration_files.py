@@ -61,12 +61,16 @@ def _below(root: Path) -> Path:
     return root
 
 
+NOT_COMPUTED = {"R1": np.zeros((3, 3)), "R2": np.zeros((3, 3)), "P1": np.zeros((3, 4)), "P2": np.zeros((3, 4))}
+"""What a program writes for a rectification that it did not compute."""
+
 FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "opencv yaml": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG), SIZE)],
     "opencv xml": lambda root: [write_opencv(root / "c.xml", _renamed(opencv_nodes(RIG), SPELLED))],
     "opencv by sides": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), SIDED), SIZE)],
     "opencv, a stereo pose": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), POSED), SIZE)],
     "opencv rectified": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | rectification(RIG), SIZE)],
+    "opencv not rectified": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | NOT_COMPUTED, SIZE)],
     "opencv's sample": _sample,
     "rotation vector": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | {"R": RIG.rotation_vector})],
     "plain lists": _lists,
@@ -901,6 +905,11 @@ def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
             "".join(f"K{n}: [90, 0, 32, 0, 90, 24, 0, 0, 1]\nD{n}: [0, 0, 0, 0]\n" for n in "12")
             + "R: [1.0, -2.0, 0.5]\nT: [-0.1, 0, 0]\n",
             r": R: found a rotation vector of 2\.29 rad \(131 degrees\); expected radians",
+        ),
+        (
+            "c.yaml",
+            "".join(f"P{n}: [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]\n" for n in "12"),
+            ": found none of them, and zeros as P1, P2; expected K1",
         ),
         ("c.yaml", "camera_matrix: 1\nprojection_matrix: 2", ": one camera of ROS; expected the pair"),
     ],
