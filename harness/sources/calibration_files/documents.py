@@ -20,7 +20,7 @@ import yaml
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_xml, parse_yaml
 from harness.sources.calibration import from_projections
-from harness.sources.calibration_files.python_files import read_archive, read_json, read_mat
+from harness.sources.calibration_files.python_files import head_of, read_archive, read_json, read_mat
 from harness.sources.rectification import (
     MODELS,
     Cameras,
@@ -36,6 +36,7 @@ from vfoa.errors import VfoaError, listed
 from vfoa.types import Float
 
 SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz", ".mat"})
+_BY_START = {b"%YAML": ".yml", b"<?xml": ".xml", b"{": ".json"}
 
 Document = Mapping[str, Any]
 
@@ -47,6 +48,17 @@ _NO_BLANK = re.compile(rb"^([ \t]*[A-Za-z_][\w.]*):(?=[-+.\d\[\"])", re.MULTILIN
 """A key whose value follows without a blank, which OpenCV reads, and YAML does not."""
 
 
+def document_suffix(path: Path) -> str | None:
+    """One of :data:`SUFFIXES`, which tells how a file is read: its own, or by its first bytes; None for another text.
+
+    People call what OpenCV wrote ``calib.txt``.
+    """
+    if (suffix := path.suffix.lower()) in SUFFIXES:
+        return suffix
+    head = head_of(path).removeprefix(codecs.BOM_UTF8).lstrip()
+    return next((suffix for start, suffix in _BY_START.items() if head.startswith(start)), None)
+
+
 def read_document(path: Path) -> dict[str, Any]:
     """Return the values of a file's top level by name; OpenCV's matrices become arrays.
 
@@ -55,7 +67,7 @@ def read_document(path: Path) -> dict[str, Any]:
     VfoaError
         If it cannot be read or parsed, or its top level is not a table.
     """
-    match path.suffix.lower():
+    match document_suffix(path):
         case ".xml":
             return _read_xml(path)
         case ".npz":

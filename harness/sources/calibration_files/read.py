@@ -82,7 +82,7 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     """
     for path in paths:
         refuse_foreign_calibration(path)
-    if any(path.suffix.lower() in SUFFIXES for path in paths):
+    if any(map(documents.document_suffix, paths)):
         program, cameras = _read_documents(paths, size, options)
     elif len(paths) > 1:
         raise VfoaError(f"{paths[1]}: a second calibration file; expected one, or two in YAML, XML or JSON")

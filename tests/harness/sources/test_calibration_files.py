@@ -56,6 +56,10 @@ def _lists(root: Path) -> list[Path]:
     return [write_yaml(root / "c.yaml", {**nodes, "image_size": list(SIZE), "rms": 0.3})]
 
 
+def _as_text(path: Path) -> Path:
+    return path.rename(path.with_suffix(".txt"))
+
+
 def _below(root: Path) -> Path:
     root.mkdir(parents=True, exist_ok=True)
     return root
@@ -67,6 +71,9 @@ NOT_COMPUTED = {"R1": np.zeros((3, 3)), "R2": np.zeros((3, 3)), "P1": np.zeros((
 FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "opencv yaml": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG), SIZE)],
     "opencv xml": lambda root: [write_opencv(root / "c.xml", _renamed(opencv_nodes(RIG), SPELLED))],
+    "opencv yaml, as text": lambda root: [_as_text(write_opencv(root / "c.yml", opencv_nodes(RIG), SIZE))],
+    "opencv xml, as text": lambda root: [_as_text(write_opencv(root / "c.xml", opencv_nodes(RIG), SIZE))],
+    "opencv json, as text": lambda root: [_as_text(write_opencv(root / "c.json", opencv_nodes(RIG), SIZE))],
     "opencv by sides": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), SIDED), SIZE)],
     "opencv, a stereo pose": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), POSED), SIZE)],
     "opencv rectified": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | rectification(RIG), SIZE)],
