@@ -358,8 +358,11 @@ _OF_THE_PAIR = {
     "R": ("r", "rot", "rotation", "rotationmatrix", "rotationofcamera2", "stereorotation"),
     "T": ("t", "trans", "translation", "translationvector", "translationofcamera2", "stereotranslation"),
 }
-_MOST_RADIANS = 0.5
-"""Longest rotation vector of a pair; longer ones are probably in degrees."""
+_MOST_RADIANS = 0.15
+"""Longest rotation vector of a pair that is read, 9 degrees; longer ones are probably in degrees.
+
+The cameras of most pairs differ by less than this in radians, and by more than this in degrees.
+"""
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")
 _RECTIFICATION = ("R1", "R2", "P1", "P2")
@@ -420,8 +423,9 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
         if rotation.size == 3:  # OpenCV's rotation vector
             if (angle := float(np.linalg.norm(rotation))) > _MOST_RADIANS:
                 raise VfoaError(
-                    f"{where}: R: found a rotation vector of {angle:.3g} rad ({np.degrees(angle):.0f} degrees); "
-                    f"expected radians, at most {_MOST_RADIANS:g}, since both cameras look the same way"
+                    f"{where}: R: found a rotation vector of length {angle:.3g}; expected radians, at most "
+                    f"{_MOST_RADIANS:g}: if it is in degrees, convert it; if the cameras do differ by "
+                    f"{np.degrees(angle):.0f} degrees, give R as a matrix of 3 x 3 numbers"
                 )
             rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
         rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)

@@ -910,8 +910,8 @@ def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
         (
             "c.yaml",
             "".join(f"K{n}: [90, 0, 32, 0, 90, 24, 0, 0, 1]\nD{n}: [0, 0, 0, 0]\n" for n in "12")
-            + "R: [1.0, -2.0, 0.5]\nT: [-0.1, 0, 0]\n",
-            r": R: found a rotation vector of 2\.29 rad \(131 degrees\); expected radians",
+            + "R: [0.346, 0.202, -0.214]\nT: [-0.1, 0, 0]\n",  # of OpenCV's chessboard pictures, in degrees
+            r": R: found a rotation vector of length 0\.454; expected radians, at most .* differ by 26 degrees",
         ),
         (
             "c.yaml",
