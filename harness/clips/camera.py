@@ -36,9 +36,12 @@ def camera_notes(rig: StereoRig) -> Iterator[str]:
     width, height = rig.width_px, rig.height_px
     field_deg = math.degrees(2 * math.atan(width / 2 / rig.fx_px))
     if not MIN_FIELD_DEG <= field_deg <= MAX_FIELD_DEG:
+        causes = "images of another size?"
+        if field_deg > MAX_FIELD_DEG:
+            causes = f"a fisheye lens? millimetres? {causes}"
         yield (
             f"the focal length of {rig.fx_px:g} px is a horizontal field of view of {field_deg:.0f} degrees in images "
-            f"{width} wide; expected {MIN_FIELD_DEG} to {MAX_FIELD_DEG} (millimetres? images of another size?)"
+            f"{width} wide; expected {MIN_FIELD_DEG} to {MAX_FIELD_DEG} ({causes})"
         )
     off = max(abs(rig.cx_px / width - 0.5), abs(rig.cy_px / height - 0.5))
     if off > MOST_OFF_CENTRE:

@@ -403,3 +403,21 @@ def scaling_note(cameras: Cameras, size_px: tuple[int, int]) -> tuple[str, ...]:
     if own is None or own == size_px:
         return ()
     return (f"the calibration of {own[0]} x {own[1]} pixels is scaled to the images' {size_px[0]} x {size_px[1]}",)
+
+
+_LEAST_SHARE = 0.5
+"""Of the lenses' focal length, what rectification usually leaves at least."""
+
+
+def shrinking_note(cameras: Cameras) -> tuple[str, ...]:
+    """A note if rectification makes what is in the middle of the images much smaller, as of very wide lenses."""
+    if isinstance(cameras, Calibration):
+        return ()
+    lens_px, rectified_px = cameras.left.k[0, 0], cameras.left.p[0, 0]
+    if rectified_px >= _LEAST_SHARE * lens_px:
+        return ()
+    return (
+        f"rectification reduces fx from {lens_px:.4g} to {rectified_px:.4g} px, to keep the whole view of such wide "
+        f"lenses: depth is {lens_px / rectified_px:.1f} times less precise than with the lens's fx. For a narrower "
+        "view, give K1 D1 K2 D2 R1 R2 P1 P2 of OpenCV's stereoRectify (of cv2.fisheye: fov_scale below 1)",
+    )

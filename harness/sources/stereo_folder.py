@@ -13,7 +13,7 @@ from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration import Calibration
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
-from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note
+from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note, shrinking_note
 from harness.sources.stereo_pairs import PairFiles
 from vfoa.errors import VfoaError, located
 from vfoa.types import Image, StereoFrame
@@ -91,6 +91,7 @@ class StereoFolderClip:
                 *self._views.notes,
                 *(camera.notes if camera else ()),
                 *scaling_note(self._cameras, self._size_px()),
+                *shrinking_note(self._cameras),
             )
         except VfoaError:  # the first frame cannot be read; reading it gives the error
             return self._views.notes
