@@ -21,6 +21,7 @@ import cv2
 
 from harness.files.io import atomic_write, check_new, new_folder, replacing
 from harness.sources import Clip, LeftClip
+from harness.sources.media.film import state_colours
 from harness.sources.media.images import encode_rgb
 from vfoa.errors import VfoaError
 from vfoa.types import Image, StereoFrame, StereoRig
@@ -92,6 +93,7 @@ def export_film(clip: Clip, path: Path, frames: Sequence[int], *, progress: Call
         stream = film.add_stream("libx264", rate=Fraction(rate_hz).limit_denominator(1001), options=_H264)
         stream.codec_context.time_base, stream.pix_fmt = _TICK_S, "yuv420p"
         stream.height, stream.width = height + height % 2, width + width % 2
+        state_colours(stream.codec_context)
         begin_ns = clip.time_ns(frames[0])
         for number in frames:
             image = _left(clip, number)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from harness.record import entities
 from harness.record.appearance import Colour, Colours
 from harness.record.frame_log import FrameLog
+from harness.sources.media.film import state_colours
 from harness.sources.media.images import encode_rgb
 from vfoa.types import Image, Percepts, StereoFrame, StereoRig
 
@@ -182,6 +183,7 @@ class VideoEncoder:
         codec: av.VideoCodecContext = av.CodecContext.create("libsvtav1", "w")
         codec.width, codec.height = (size_px + size_px % 2 for size_px in (width_px, height_px))
         codec.pix_fmt = "yuv420p"
+        state_colours(codec)
         codec.time_base = Fraction(1, 25)  # only the order counts
         codec.gop_size = key_every
         codec.options = {

@@ -193,6 +193,18 @@ def _opened(path: Path) -> Any:
     return container
 
 
+_BT_601, _LIMITED = 6, 1
+"""FFmpeg's numbers of a matrix and a range (AVCOL_SPC_SMPTE170M, AVCOL_RANGE_MPEG)."""
+
+
+def state_colours(coder: Any) -> None:
+    """Let a film state how FFmpeg has made YUV of its RGB: by BT.601.
+
+    Of a film that does not, players and Rerun's viewer take BT.709, and show a green of 254 as 215.
+    """
+    coder.colorspace, coder.color_range = _BT_601, _LIMITED
+
+
 def container_tags(path: Path) -> dict[str, str]:
     """The tags of a film as a whole; none of a file that is no film."""
     import av

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -118,6 +119,19 @@ def test_a_film_has_every_picture_at_its_time(tmp_path: Path) -> None:
         apart = {other: np.abs(found - moving_picture(other, 63, 47)).mean() for other in clip.frames}
         assert min(apart, key=lambda other: apart[other]) == number
         assert apart[number] < 4
+
+
+def test_a_film_states_how_its_colours_are_coded(tmp_path: Path) -> None:
+    class Green(Uneven):
+        def left(self, number: int) -> Image:
+            return np.full((48, 64, 3), (0, 255, 0), np.uint8)
+
+    export_film(Green(), tmp_path / "left.mp4", (2, 3))
+    with av.open(str(tmp_path / "left.mp4")) as film:
+        picture = next(film.decode(video=0))
+    assert picture.colorspace == 6  # BT.601 (ITU-T H.273, table 4)
+    luma = np.frombuffer(bytes(picture.planes[0]), np.uint8).reshape(48, -1)[:, :64]
+    assert luma.mean() == pytest.approx(16 + 219 * 0.587, abs=2)
 
 
 def test_a_film_needs_no_right_image(tmp_path: Path) -> None:

@@ -357,6 +357,17 @@ def test_the_encoder_delays_packets_but_keeps_their_order_and_the_key_frames(key
             assert np.abs(shown - np.roll(smooth, 7 * position, axis=1)).mean() < 6
 
 
+def test_a_video_states_how_its_colours_are_coded():
+    """Of a video that states nothing, Rerun's viewer takes BT.709, and FFmpeg BT.601."""
+    encoder = VideoEncoder(96, 64, 5)
+    packets = [*encoder.encode(np.full((64, 96, 3), (0, 255, 0), np.uint8)), *encoder.finish()]
+    decoder = av.CodecContext.create("libdav1d", "r")
+    picture = [*decoder.decode(av.Packet(packets[0][1])), *decoder.decode(None)][0]
+    assert picture.colorspace == 6  # BT.601 (ITU-T H.273, table 4)
+    luma = np.frombuffer(bytes(picture.planes[0]), np.uint8).reshape(64, -1)[:, :96]
+    assert luma.mean() == pytest.approx(16 + 219 * 0.587, abs=2)
+
+
 def test_rows_of_an_entity_may_have_different_fields_and_numbers_of_instances(tmp_path, read_back):
     stream = rr.RecordingStream("test", recording_id="test")
     stream.save(tmp_path / "test.rrd")
