@@ -73,7 +73,7 @@ class ImageLog:
             self._image(entities.RIGHT, _half(frame.right), frame)
         if frame.depth_m is not None:
             # millimetres: 0 is unknown, and larger depths than 65.5 m become 65.5 m
-            millimetres = np.nan_to_num(np.clip(1000 * frame.depth_m, 1, 65535), nan=0).astype(np.uint16)
+            millimetres = np.nan_to_num(np.clip(np.rint(1000 * frame.depth_m), 1, 65535), nan=0).astype(np.uint16)
             blob, media_type = [png(millimetres)], ["image/png"]
             log.row(entities.MEASURED_DEPTH, rr.EncodedDepthImage, blob=blob, media_type=media_type, meter=[1000])
         log.end()

@@ -42,8 +42,8 @@ stereo.matcher = "sensor"
 
 
 def shot(number: int) -> Shot:
-    """A wall at 4 m, a person at 2 m, a cup at 1.5 m; a corner that the sensor did not see."""
-    depth = np.full((HEIGHT, WIDTH), 4000, np.uint16)
+    """A wall at 4.009 m, a person at 2 m, a cup at 1.5 m; a corner that the sensor did not see."""
+    depth = np.full((HEIGHT, WIDTH), 4009, np.uint16)  # 4.009 m are 4008.9998 mm in float32
     depth[PERSON], depth[CUP] = 2000, 1500
     depth[:4, :4] = 0
     colour = moving_picture(number, WIDTH, HEIGHT)
