@@ -182,6 +182,18 @@ MIDDLEBURY = (
 MATRIX = "600 0 320\n0 610 240\n0 0 1\n"
 FOUNDATION = "754.6 0.0 489.3 0.0 754.6 265.2 0.0 0.0 1.0\n0.063\n"
 RIG, SIZE = calibrations.RIG, calibrations.SIZE
+REALSENSE = json.dumps(
+    {
+        "width": SIZE[0],
+        "height": SIZE[1],
+        "fx": 600.0,
+        "fy": 610.0,
+        "ppx": 320.0,
+        "ppy": 240.0,
+        "model": "distortion.brown_conrady",
+        "coeffs": [0.1, -0.2, 0.0, 0.0, 0.0],
+    }
+)
 OPEN3D = json.dumps({"width": SIZE[0], "height": SIZE[1], "intrinsic_matrix": [600, 0, 0, 0, 610, 0, 320, 240, 1]})
 
 

@@ -38,10 +38,22 @@ binning_y: 0
 roi: {x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: False}
 ---
 """
+REALSENSE = {
+    "width": 640,
+    "height": 480,
+    "fx": 600.0,
+    "fy": 610.0,
+    "ppx": 320.0,
+    "ppy": 240.0,
+    "model": "distortion.inverse_brown_conrady",
+    "coeffs": [0.0] * 5,
+}
 FILES = {
     "camera_info.yaml": ROS,
     "echo.yaml": ECHO,
     "camera_intrinsic.json": json.dumps({"width": 640, "height": 480, "intrinsic_matrix": K.T.ravel().tolist()}),
+    "realsense.json": json.dumps(REALSENSE),
+    "intrinsics.json": json.dumps({"fx": 600, "fy": 610, "cx": 320, "cy": 240, "distance_m": 2}),
     "K.txt": "600 0 320\n0 610 240\n0 0 1\n",
     "intrinsics.txt": "# by rows\n600, 0, 320, 0, 610, 240, 0, 0, 1\n",
 }
@@ -57,12 +69,29 @@ def test_each_format_gives_the_same_camera(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("model", "count", "expected"),
+    [("distortion.brown_conrady", 5, "plumb_bob"), ("distortion.kannala_brandt4", 4, "equidistant")],
+)
+def test_the_lens_of_a_realsense_is_read(tmp_path: Path, model: str, count: int, expected: str) -> None:
+    coefficients = [0.1, -0.2, 0.001, 0.002, 0.0]
+    text = json.dumps({**REALSENSE, "model": model, "coeffs": coefficients})
+    found = read_one_camera(write_text(tmp_path / "camera.json", text), SIZE)
+    assert (found.model, found.d.tolist()) == (expected, coefficients[:count])
+
+
+@pytest.mark.parametrize(
     ("name", "text"),
     [
         ("a.json", "{"),
         ("a.json", "[1]"),
         ("a.json", '{"fx": 1}'),
         ("a.json", FILES["camera_intrinsic.json"].replace("640", "320")),
+        ("a.json", FILES["realsense.json"].replace("640", "320")),
+        ("a.json", FILES["realsense.json"].replace("240.0", '"x"')),
+        ("a.json", json.dumps({**REALSENSE, "cx": 320})),
+        ("a.json", json.dumps({**REALSENSE, "model": [1], "coeffs": [0.1, 0, 0, 0, 0]})),
+        ("a.json", json.dumps({**REALSENSE, "coeffs": [0.1, 0, 0]})),
+        ("a.json", json.dumps({**REALSENSE, "k1": 0.1})),
         ("a.yaml", "[1, 2]"),
         ("a.yaml", "a: ["),
         ("a.yaml", "camera_matrix: 3"),
