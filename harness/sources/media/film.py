@@ -98,7 +98,7 @@ class Film:
         return next(self._pictures, None)
 
     def last_picture(self, stamp: int) -> Any | None:
-        """The last picture of the film, which is expected to have this time stamp; None if there is none."""
+        """The last picture of the film, decoded from a time stamp on; None if no key frame is there."""
         last = self.seek(stamp)
         for picture in self._pictures:
             last = picture

@@ -30,8 +30,9 @@ VIDEO_SUFFIXES = _RAW_SUFFIXES | {
 STEP = 32
 """Most frames ahead that are decoded one by one; beyond that, seek."""
 
-_MARGINS = (STEP // 2, 8 * STEP)
-"""Frames before the wanted one to seek to: the pictures next to a key frame may need those before it."""
+_MARGINS = (STEP // 2, 2 * STEP, 8 * STEP)
+"""Frames before the wanted one to seek to: the pictures next to a key frame may need those before it, and in streams
+without an index a search ends behind a key frame."""
 
 RATE_TOLERANCE = 0.01
 """A stated rate is used if it is this near to the mean of the times, which some containers round to ms."""
@@ -224,10 +225,15 @@ def _frames_of_packets(path: Path, packets: Sequence[int | None]) -> list[int | 
     known = sorted(stamp for stamp in packets if stamp is not None)
     if not known or len(set(known)) != len(packets):
         return []
-    with Film(path) as first, Film(path) as last:
-        begin, end = first.next_picture(), last.last_picture(known[-1])
-        is_each = begin is not None and end is not None and (begin.pts, end.pts) == (known[0], known[-1])
-    return [*known] if is_each else []
+    with Film(path) as film:
+        begin = film.next_picture()
+        if begin is None or begin.pts != known[0]:
+            return []
+        for margin in (1, *_MARGINS):
+            end = film.last_picture(known[max(len(known) - margin, 0)])
+            if end is not None:
+                return [*known] if end.pts == known[-1] else []
+    return []
 
 
 def _frames(path: Path) -> list[int | None]:
@@ -239,7 +245,7 @@ def _frames(path: Path) -> list[int | None]:
 def _ascending(stamps_ns: Sequence[int | None], stated_hz: float | None) -> tuple[list[int], list[int]]:
     """The times of frames in order, and the positions of those without a stamp after the time before.
 
-    A coder of MPEG gives its last picture when the file has ended; some containers have no time for it.
+    Of streams that were joined the stamps go back; a picture that leaves the decoder at the end may have none.
     """
     known = [stamp for stamp in stamps_ns if stamp is not None]
     step_ns = round(1e9 / stated_hz) if stated_hz else max(1, int(np.median(np.diff(known)))) if known[1:] else 1
