@@ -171,11 +171,34 @@ def _damage(data: bytes) -> str | None:
         return "a pointer of Git LFS, not the image; expected its content: git lfs pull fetches it"
     if data.startswith(_PNG) and (problem := _png_damage(data)):
         return problem
+    if data.startswith(tuple(_TIFF)) and (bits := _tiff_bits(data)) not in _READ_BITS:
+        return f"a TIFF of {bits} bits per sample; expected one of: {', '.join(map(str, _READ_BITS))}"
     # Some cameras append a few bytes of their own to a JPEG, or send the buffer's rest; inside compressed data the end
     # mark cannot occur.
     if data.startswith(_JPEG) and _JPEG_END not in data.rstrip(b"\0")[-1024:]:
         return f"truncated JPEG: no end mark in {len(data)} bytes"
     return None
+
+
+_TIFF = {b"II*\0": "<", b"MM\0*": ">"}
+"""First bytes of a TIFF, and the order of the bytes of its numbers."""
+_READ_BITS = (1, 4, 8, 16, 32, 64)
+"""Bits of a sample of TIFF that OpenCV reads; it gives wrong numbers for 10, 12 and 14, which share bytes."""
+_BITS_PER_SAMPLE = 258
+
+
+def _tiff_bits(data: bytes) -> int:
+    """The bits of the first sample of a TIFF; 1, the format's default, if it does not say them or is damaged."""
+    order = _TIFF[data[:4]]
+    with suppress(struct.error):
+        (at,) = struct.unpack_from(f"{order}I", data, 4)
+        (count,) = struct.unpack_from(f"{order}H", data, at)
+        for place in range(at + 2, at + 2 + 12 * count, 12):
+            tag, _, samples = struct.unpack_from(f"{order}HHI", data, place)
+            if tag == _BITS_PER_SAMPLE:
+                (far,) = struct.unpack_from(f"{order}I", data, place + 8)
+                return int(struct.unpack_from(f"{order}H", data, place + 8 if samples <= 2 else far)[0])
+    return 1
 
 
 def _ends_early(data: bytes, image: NDArray[Any]) -> bool:

@@ -61,6 +61,22 @@ def test_twelve_bits_are_not_cut_in_a_file_that_states_them(tmp_path: Path, suff
     assert bool(greatest) == is_cut
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_tiff_whose_samples_share_bytes_is_refused(tmp_path: Path, order: str) -> None:
+    """OpenCV gives other numbers for it."""
+    packed = np.packbits(np.unpackbits(np.arange(24, dtype=">u2").view(np.uint8).reshape(-1, 2), axis=1)[:, 4:])
+    tags = [(256, 6), (257, 4), (258, 12), (259, 1), (262, 1), (273, 8), (277, 1), (278, 4), (279, packed.size)]
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", 8 + packed.size)
+    entries = b"".join(struct.pack(f"{order}HHIHxx", tag, 3, 1, value) for tag, value in tags)
+    data = head + packed.tobytes() + struct.pack(f"{order}H", len(tags)) + entries + bytes(4)
+    path = write_bytes(tmp_path / "a.tif", data)
+    for read in (read_raw, read_rgb):
+        with pytest.raises(VfoaError, match=r"a\.tif: a TIFF of 12 bits"):
+            read(path)
+    image = np.arange(24, dtype=np.uint16).reshape(4, 6) * 2000
+    assert np.array_equal(read_raw(write_image(tmp_path / "b.tif", image)), image)
+
+
 def test_raw_values_keep_their_16_bits(tmp_path: Path) -> None:
     deep = np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000
     assert np.array_equal(read_raw(write_image(tmp_path / "deep.png", deep)), deep)
