@@ -32,11 +32,21 @@ def _open(path: Path) -> Any:
     return av.open(f"file:{path}", metadata_errors="replace")
 
 
-class Film:
-    """The pictures of an open film. A damaged packet gives none.
+class RgbConverter:
+    """Makes RGB of decoded pictures; FFmpeg's tables are kept from one to the next."""
 
-    ``tick_ns`` is the unit of time stamps. ``stated_hz`` and ``stated_frames`` are what the container states, or what
-    follows from its duration; None and 0 if it does not.
+    def __init__(self) -> None:
+        from av.video.reformatter import VideoReformatter
+
+        self._reformatter = VideoReformatter()
+
+    def __call__(self, picture: Any) -> Image:
+        """The pixels of a picture of PyAV, (H, W, 3) uint8 RGB."""
+        return np.asarray(self._reformatter.reformat(picture, format="rgb24").to_ndarray(), dtype=np.uint8)
+
+
+class Film:
+    """The pictures of an open film. A damaged packet gives none. ``rgb`` makes pixels of them.
 
     Raises
     ------
@@ -53,7 +63,7 @@ class Film:
         context.options = DECODING
         self._stream.thread_type = "AUTO"
         self._pictures = self._decoded(is_begun=True)
-        self._converter: Any = None
+        self.rgb = RgbConverter()
 
     def __enter__(self) -> Self:
         return self
@@ -71,7 +81,7 @@ class Film:
 
     @property
     def stated_hz(self) -> float | None:
-        """The rate that the container states."""
+        """The rate that the container states; None if it does not."""
         return float(self._stream.guessed_rate) if self._stream.guessed_rate else None
 
     @property
@@ -104,40 +114,29 @@ class Film:
             last = picture
         return last
 
-    def rgb(self, picture: Any) -> Image:
-        """The pixels of a picture, (H, W, 3) uint8 RGB."""
-        if self._converter is None:
-            from av.video.reformatter import VideoReformatter
-
-            self._converter = VideoReformatter()
-        return np.asarray(self._converter.reformat(picture, format="rgb24").to_ndarray(), dtype=np.uint8)
-
     def seek(self, stamp: int | None) -> Any | None:
         """Go to a key frame at or before a time stamp, if the file has an order to search in; its picture follows."""
-        import av
-
-        if stamp is None:
-            return None
-        try:
-            self._container.seek(stamp, stream=self._stream)
-        except av.FFmpegError:
+        if not self._goes_to(stamp):
             return None
         self._pictures = self._decoded(is_begun=False)
         return self.next_picture()
 
     def decodes_alone(self, stamp: int | None) -> bool:
         """Whether the key frame at or before a time stamp, or the one after, gives a picture without its successors."""
+        self._stream.codec_context.thread_type = "NONE"
+        if not self._goes_to(stamp):
+            return False
+        key = next((packet for packet in self._packets() if packet.is_keyframe), None)
+        return key is None or bool([*self._given(key), *self._given(None)])
+
+    def _goes_to(self, stamp: int | None) -> bool:
+        """Whether the container could go to a time stamp."""
         import av
 
         if stamp is None:
             return False
-        context = self._stream.codec_context
-        context.thread_type = "NONE"
         try:
             self._container.seek(stamp, stream=self._stream)
-            for packet in self._packets():
-                if packet.is_keyframe:
-                    return bool([*packet.decode(), *context.decode(None)])
         except av.FFmpegError:
             return False
         return True
@@ -173,6 +172,7 @@ class Film:
 
 
 def _opened(path: Path) -> Any:
+    """The container of a film whose pictures can be decoded; raises as :class:`Film`."""
     import av
 
     if not path.is_file():
@@ -229,12 +229,9 @@ def first_picture_s(path: Path) -> float:
     """
     import av
 
-    try:
-        with _open(path) as container:
-            stream = container.streams.video[0]
-            begins_s = float((stream.start_time or 0) * (stream.time_base or 0))
-            is_at_zero = any(name in container.format.name for name in ("mp4", "matroska"))
-            zero_s = 0.0 if is_at_zero else (container.start_time or 0) / av.time_base
-    except (av.FFmpegError, IndexError, OSError) as error:
-        raise VfoaError(f"{path}: not a readable video: {error}") from None
+    with _opened(path) as container:
+        stream = container.streams.video[0]
+        begins_s = float((stream.start_time or 0) * (stream.time_base or 0))
+        is_at_zero = any(name in container.format.name for name in ("mp4", "matroska"))
+        zero_s = 0.0 if is_at_zero else (container.start_time or 0) / av.time_base
     return max(begins_s - zero_s, 0.0)

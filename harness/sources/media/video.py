@@ -189,12 +189,11 @@ def _without_times(path: Path, found: str) -> VfoaError:
 
 def _indexed(path: Path) -> _Index:
     """Find out what a file holds: its packets are read, and some of its frames decoded."""
-    with Film(path) as film:
-        stated, claimed, tick_ns = film.stated_hz, film.stated_frames, film.tick_ns
-        packets = film.packet_stamps()
-    with path.open("rb") as file:
+    with Film(path) as film, path.open("rb") as file:
         if file.read(len(_JPEG)) == _JPEG:  # FFmpeg gives these the times of 25 frames per second
             raise _without_times(path, "a raw stream of JPEG pictures, which have no times")
+        stated, claimed, tick_ns = film.stated_hz, film.stated_frames, film.tick_ns
+        packets = film.packet_stamps()
     stamps = _frames_of_packets(path, packets) or _frames(path)
     if not stamps:
         raise VfoaError(f"{path}: no frame can be read; expected a video that is not damaged")

@@ -8,9 +8,8 @@ from threading import Lock
 from typing import Any
 
 import av
-import numpy as np
 
-from harness.sources.media.film import DECODING
+from harness.sources.media.film import DECODING, RgbConverter
 from harness.sources.media.images import MOST_PIXELS
 from harness.sources.recordings.messages import MessageType, codec_of, picture
 from harness.sources.recordings.topics import Place, Topic
@@ -110,6 +109,7 @@ class VideoDecoder:
 
     def _reset(self) -> None:
         self._codec: Any = None
+        self._rgb = RgbConverter()
         self._fed = -1
         self._pending: set[int] = set()
         self._frames: dict[int, Image] = {}
@@ -174,6 +174,6 @@ class VideoDecoder:
         self._pending.discard(frame.pts)
         if frame.is_corrupt:
             return
-        self._frames[frame.pts] = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
+        self._frames[frame.pts] = self._rgb(frame)
         while len(self._frames) > _WAITING:
             self._frames.pop(next(iter(self._frames)))
