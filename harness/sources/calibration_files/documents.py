@@ -1,4 +1,4 @@
-"""Calibrations in YAML, XML, JSON and NumPy's archives: of ROS, EuRoC, Kalibr and OpenCV.
+"""Calibrations in YAML, XML, JSON and NumPy's archives: the documents, and those of ROS, EuRoC and Kalibr.
 
 OpenCV's own reader is not used: a damaged file makes it end the whole process.
 """
@@ -7,24 +7,19 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
-import cv2
 import numpy as np
 import yaml
 
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_xml, parse_yaml
-from harness.sources.calibration import from_projections
 from harness.sources.calibration_files.python_files import head_of, read_archive, read_json, read_mat
 from harness.sources.rectification import (
     MODELS,
-    Cameras,
-    ImageSize,
     Model,
     RawCalibration,
     RawCamera,
@@ -32,7 +27,7 @@ from harness.sources.rectification import (
     pair_of_infos,
     rectify_pose,
 )
-from vfoa.errors import VfoaError, listed
+from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz", ".mat"})
@@ -341,182 +336,3 @@ def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> R
     width, height = numbers(camera["resolution"], f"{where}: resolution", 2)
     k: Float = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     return RawCamera(size_px=(int(width), int(height)), k=k, d=d, model=_KALIBR_MODELS[distortion])
-
-
-# OpenCV: matrices of stereoCalibrate and stereoRectify, under their usual names
-
-_OF_A_CAMERA = {
-    "K": ("k", "m", "mtx", "cm", "cameramatrix", "intrinsic", "intrinsics", "intrinsicmatrix"),
-    "D": (
-        *("d", "dist", "distcoef", "distcoefs", "distcoeff", "distcoeffs"),
-        *("distortion", "distortioncoeffs", "distortioncoefficients"),
-    ),
-    "R": ("r", "rect", "rectification", "rectificationmatrix"),
-    "P": ("p", "proj", "projmat", "projmatrix", "projection", "projectionmatrix"),
-}
-_OF_THE_PAIR = {
-    "R": ("r", "rot", "rotation", "rotationmatrix", "rotationofcamera2", "stereorotation"),
-    "T": ("t", "trans", "translation", "translationvector", "translationofcamera2", "stereotranslation"),
-}
-_MOST_RADIANS = 0.15
-"""Longest rotation vector of a pair that is read, 9 degrees; longer ones are probably in degrees.
-
-The cameras of most pairs differ by less than this in radians, and by more than this in degrees.
-"""
-_SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
-_LENSES = ("K1", "D1", "K2", "D2")
-_RECTIFICATION = ("R1", "R2", "P1", "P2")
-
-
-_ROLES = {name: role for role, names in _OF_THE_PAIR.items() for name in names} | {
-    spelling: f"{role}{sides[0]}"
-    for role, names in _OF_A_CAMERA.items()
-    for name in names
-    for sides in (("1", "l", "left"), ("2", "r", "right"))
-    for spelling in (
-        *(f"{name}{side}" for side in sides),
-        *(f"{side}{name}" for side in (sides[2], f"{sides[2]}camera", f"camera{sides[2]}")),
-    )
-}
-"""The role of each lower-case name without underscores: ``cameramatrixleft`` is K1. Names of camera 2 are MATLAB's."""
-
-
-def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
-    """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
-
-    P1 and P2 without distortion, rotation or translation describe images that are rectified already. Of these four, a
-    matrix of zeros was not computed, and does not count.
-
-    Raises
-    ------
-    VfoaError
-        If a matrix is missing, occurs under two names, or has a wrong shape.
-    """
-    read = _opencv_matrices(document, where)
-    unset = [name for name in _RECTIFICATION if name in read and not read[name].any()]
-    matrices = {name: matrix for name, matrix in read.items() if name not in unset}
-    size_px = _opencv_size(document, matrices, where)
-    unrectified = [
-        name for name in ("R", "T", "D1", "D2", "R1", "R2") if name in matrices and not _is_trivial(matrices[name])
-    ]
-    if matrices.keys() >= {"P1", "P2"} and (rectified or not unrectified):
-        left, right = (_of_shape(matrices, f"P{number}", where) for number in "12")
-        return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
-    model: Model = "equidistant" if fisheye or _says_fisheye(document) else "plumb_bob"
-    is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in (_RECTIFICATION, ("R", "T")))
-    if is_rectifying or is_posed:
-        size_px = size_px or size()
-        first, second = (
-            RawCamera(
-                size_px=size_px,
-                k=_of_shape(matrices, f"K{number}", where),
-                d=matrices[f"D{number}"].ravel(),
-                model=model,
-            )
-            for number in "12"
-        )
-    if is_rectifying:
-        r1, r2, p1, p2 = (_of_shape(matrices, name, where) for name in _RECTIFICATION)
-        return RawCalibration(left=replace(first, r=r1, p=p1), right=replace(second, r=r2, p=p2), where=where)
-    if is_posed:
-        rotation = matrices["R"]
-        if rotation.size == 3:  # OpenCV's rotation vector
-            if (angle := float(np.linalg.norm(rotation))) > _MOST_RADIANS:
-                raise VfoaError(
-                    f"{where}: R: found a rotation vector of length {angle:.3g}; expected radians, at most "
-                    f"{_MOST_RADIANS:g}: if it is in degrees, convert it; if the cameras do differ by "
-                    f"{np.degrees(angle):.0f} degrees, give R as a matrix of 3 x 3 numbers"
-                )
-            rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
-        rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)
-        return rectify_pose(first, second, rotation, translation, where)
-    there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
-    if others := [name for name, _ in _one_level(document) if _role(name) is None]:
-        there += f" (and, not known, {listed(others, 8)})"
-    if unset:
-        there += f", and zeros as {', '.join(unset)}"
-    if matrices.keys() >= {"P1", "P2"}:
-        raise VfoaError(
-            f"{where}: holds {' and '.join(unrectified)} of an unrectified pair but not all that rectifies it: found "
-            f"{there}; {expected}, or rectified = true in [source] if the images are rectified"
-        )
-    raise VfoaError(f"{where}: found {there}; {expected}, or P1 P2 of rectified images")
-
-
-def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
-    document = dict(_one_level(document))
-    names: dict[str, str] = {}
-    for name in document:
-        role = _role(name)
-        if role in names:
-            raise VfoaError(f"{where}: {names[role]} and {name} both are {role}; expected one of them")
-        if role is not None:
-            names[role] = name
-    return {
-        role: np.asarray(value, np.float64)
-        if isinstance(value := document[name], np.ndarray)
-        else numbers(value, f"{where}: {name}")
-        for role, name in names.items()
-    }
-
-
-def _role(name: object) -> str | None:
-    return _ROLES.get(str(name).lower().replace("_", ""))
-
-
-def _one_level(document: Document) -> Iterator[tuple[str, Any]]:
-    """The values by name, those of a table by both names: ``{"left": {"K": ...}}`` is ``left_K``."""
-    for name, value in document.items():
-        if isinstance(value, Mapping) and "data" not in value and _role(name) is None:
-            yield from ((f"{name}_{inner}", below) for inner, below in value.items())
-        else:
-            yield str(name), value
-
-
-def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:
-    """A matrix (rows, columns), which a file may also hold as a list."""
-    matrix, shape = matrices[name], _SHAPES[name[0]]
-    if matrix.shape not in (shape, (shape[0] * shape[1],)):
-        raise VfoaError(f"{where}: {name}: found shape {matrix.shape}; expected {shape}")
-    return matrix.reshape(shape)
-
-
-def _by_plain_name(document: Document) -> dict[str, Any]:
-    """The values by their names in lower case, without underscores."""
-    return {str(name).lower().replace("_", ""): value for name, value in document.items()}
-
-
-def _opencv_size(document: Document, matrices: Mapping[str, Float], where: str) -> tuple[int, int] | None:
-    plain = _by_plain_name(document)
-    pairs = [("imagewidth", "imageheight"), ("width", "height")]
-    named = next((([plain[w], plain[h]]) for w, h in pairs if w in plain and h in plain), None)
-    values = named or next((plain[name] for name in ("imagesize", "imgsize", "size") if name in plain), None)
-    if values is None:
-        return None
-    width, height = numbers(values, f"{where}: image size", 2)
-    if named is None and _is_shape(width, height, matrices):
-        width, height = height, width
-    return (int(width), int(height)) if width > 0 and height > 0 else None
-
-
-def _says_fisheye(document: Document) -> bool:
-    """Whether a value such as ``fisheye: true`` or ``camera_model: fisheye`` says so, which people add."""
-    plain = _by_plain_name(document)
-    models = [str(plain.get(name)) for name in ("model", "cameramodel", "distortionmodel")]
-    return str(plain.get("fisheye")).lower() in ("true", "1") or any(
-        MODELS.get(name) == "equidistant" for name in models
-    )
-
-
-def _is_shape(first: float, second: float, matrices: Mapping[str, Float]) -> bool:
-    """Whether an image size is (rows, columns), as of NumPy or MATLAB: the principal point is nearer to that middle."""
-    k = next((matrices[name] for name in ("K1", "P1") if name in matrices), None)
-    if k is None or k.size not in (9, 12) or not (first > 0 and second > 0):
-        return False
-    column, row = k.reshape(3, -1)[:2, 2]
-    off = [abs(column / width - 0.5) + abs(row / height - 0.5) for width, height in ((first, second), (second, first))]
-    return off[1] < off[0]
-
-
-def _is_trivial(matrix: Float) -> bool:
-    return not matrix.any() or (matrix.size == 9 and np.array_equal(matrix.reshape(3, 3), np.eye(3)))

@@ -15,7 +15,18 @@ from pydantic import Field
 
 from harness.files.io import read_text
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files import basalt, depthai, documents, icub, matlab, orb_slam, ros_text, texts, vins
+from harness.sources.calibration_files import (
+    basalt,
+    depthai,
+    documents,
+    icub,
+    matlab,
+    opencv,
+    orb_slam,
+    ros_text,
+    texts,
+    vins,
+)
 from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
@@ -155,7 +166,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
                 "cx_px, cy_px, baseline_m in [source.camera]), which this file does not hold"
             )
         return "DepthAI", depthai.depthai_pair(merged, size, where)
-    cameras = documents.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
+    cameras = opencv.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
     return "OpenCV", cameras
 
 
