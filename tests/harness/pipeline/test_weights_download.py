@@ -180,7 +180,7 @@ def test_a_partial_file_that_is_a_link_does_not_change_what_it_leads_to(site: Si
 @pytest.mark.parametrize("sha256", [SHA256, None])
 def test_of_two_downloads_of_one_file_the_second_is_refused(site: Site, target: Path, sha256: str | None) -> None:
     def meanwhile(done: int, total: int | None) -> None:
-        with pytest.raises(VfoaError, match=r"\.partial: another process"):
+        with pytest.raises(VfoaError, match=r"\.partial: another process is downloading this file"):
             download(site.url("/model.onnx"), target, checksum=sha256)
 
     download(site.url("/model.onnx"), target, checksum=sha256, progress=meanwhile)
