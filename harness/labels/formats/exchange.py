@@ -183,9 +183,7 @@ class Exchange:
         else:
             own = self.timeline.times_ns
             times_ns = [time - own[0] for time in own]
-        return Timeline(
-            frames=self.frames, times_ns=[_rounded_ms(time + round(begin_s * 1e9)) * MS for time in times_ns]
-        )
+        return in_ms(Timeline(frames=self.frames, times_ns=[time + round(begin_s * 1e9) for time in times_ns]))
 
     def film_of(self, names: Sequence[str], where: object) -> str | None:
         """The film of a document that shows the clip, out of their paths or addresses; None if it has no film.
@@ -268,7 +266,7 @@ class Span:
 def from_spans(spans: Iterable[Span], exchange: Exchange, path: object, *, shown: Timeline | None = None) -> Imported:
     """Return labels from spans: a span covers the frames shown from its start on and before its end.
 
-    ``shown`` are the clip's frames at the times of the spans. Default: those of :attr:`Exchange.shown`.
+    ``shown`` are the clip's frames at the times of the spans, to the millisecond. Default: :attr:`Exchange.shown`.
 
     Raises
     ------
@@ -333,11 +331,17 @@ def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, Lab
         )
     for row in labels.ranges:
         if exchange.positions(row):
-            start, end = map(_rounded_ms, shown.span_ns(row.first_frame, row.last_frame))
+            start, end = map(rounded_ms, shown.span_ns(row.first_frame, row.last_frame))
             yield start, max(end, start + 1), row
 
 
-def _rounded_ms(time_ns: int) -> int:
+def in_ms(timeline: Timeline) -> Timeline:
+    """The frames at their times to the millisecond, rounded by :func:`rounded_ms` as the ends of spans are."""
+    return replace(timeline, times_ns=[rounded_ms(time_ns) * MS for time_ns in timeline.times_ns])
+
+
+def rounded_ms(time_ns: int) -> int:
+    """The nearest millisecond; of two, the later one."""
     return (time_ns + MS // 2) // MS
 
 

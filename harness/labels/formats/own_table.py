@@ -21,7 +21,17 @@ from typing import NamedTuple
 
 from harness.files.dialects import Row, check_width, is_missing, number_hint, plain_name, table_rows
 from harness.files.tables import whole_number
-from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans, without
+from harness.labels.formats.exchange import (
+    MS,
+    Exchange,
+    Imported,
+    ReadOnly,
+    Span,
+    from_spans,
+    in_ms,
+    rounded_ms,
+    without,
+)
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
 from harness.labels.rows import check_ends, check_sequence, check_text
 from vfoa.errors import VfoaError, listed
@@ -230,12 +240,12 @@ def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path:
             start, end = (round(_time_ms(*each, unit_ms=_MS_PER_UNIT[place[0]])) for each in ends)
             end += start if place[-1].startswith("duration") else 0
         elif place[0] == "start_ns":
-            start, end = ((_whole(*each, "ns") + MS // 2) // MS for each in ends)
+            start, end = (rounded_ms(_whole(*each, "ns")) for each in ends)
         else:
             first, last = (_whole(*each) for each in ends)
             start, end = (round(1000 * frame / (exchange.fps or 1.0)) for frame in (first, last + 1))
         spans.append(Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where))
-    return from_spans(spans, exchange, path, shown=_timeline(place[0], exchange, path))
+    return from_spans(spans, exchange, path, shown=in_ms(_timeline(place[0], exchange, path)))
 
 
 def _timeline(column: str, exchange: Exchange, path: Path) -> Timeline:

@@ -154,6 +154,15 @@ def test_milliseconds_may_have_a_fraction(tmp_path: Path) -> None:
     assert labels == Labels([row(1, 27, "bird"), row(28, 100, "none"), row(101, 1475, "cup")])
 
 
+def test_a_label_in_nanoseconds_begins_with_its_frame_and_ends_before_that_of_its_end(tmp_path: Path) -> None:
+    clip = PlainClip(frames=range(1, 7), rate_hz=3.0, start_ns=1_700_000_000_000_000_000)
+    stamps = [clip.time_ns(number) for number in clip.frames]  # two of three lie in the second half of a millisecond
+    ranges = [(1, 2, "bird"), (2, 5, "none"), (5, 6, "cup")]
+    text = "".join(f"girl,{target},{stamps[first - 1]},{stamps[end - 1]}\n" for first, end, target in ranges)
+    labels, _ = _read(tmp_path, f"subject,target,start_ns,end_ns\n{text}", clip)
+    assert labels == Labels([row(first, end - 1, target) for first, end, target in ranges])
+
+
 def test_labels_that_are_cut_are_counted(tmp_path: Path) -> None:
     text = "subject,target,start_s,end_s\nboy,cup,-3,0.2\ngirl,bird,0,0.3\ngirl,cup,0.3,9.5\n"
     _, notes = _read(tmp_path, text)
