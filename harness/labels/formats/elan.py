@@ -7,7 +7,7 @@ schema's address, and annotations with a value and a number in their id.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -62,11 +62,15 @@ class Elan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Annotation:
-    """An annotation between two time slots, or one that refers to another annotation."""
+    """An annotation between two time slots, or one that refers to another annotation.
+
+    ``previous`` is the annotation after which it comes, of those that refer to the same one.
+    """
 
     value: str
     slots: tuple[str, str] | None = None
     parent: str | None = None
+    previous: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,15 +117,32 @@ class _Document:
 
     @cached_property
     def _places(self) -> dict[str, tuple[_Annotation, int, int]]:
-        """Each annotation by id, its place among those of its tier that refer to the same one, and their number."""
+        """Each annotation by id, its place among those of its tier that refer to the same one, and their number.
+
+        Those that are each other's previous one have no place.
+        """
         places = {}
         for tier in reversed(self.tiers.values()):  # the first tier with an id counts
             siblings = defaultdict[str | None, list[str]](list)
             for name, annotation in tier.items():
                 siblings[annotation.parent].append(name)
             for names in siblings.values():
-                places.update({name: (tier[name], place, len(names)) for place, name in enumerate(names)})
+                places.update(
+                    {name: (tier[name], place, len(names)) for place, name in enumerate(_chained(names, tier))}
+                )
         return places
+
+
+def _chained(names: Collection[str], tier: Mapping[str, _Annotation]) -> Iterator[str]:
+    """Annotations in their order, each after its previous one; those without one are in the order of the file."""
+    known, followers = frozenset(names), defaultdict[str | None, list[str]](list)
+    for name in names:
+        previous = tier[name].previous
+        followers[previous if previous in known else None].append(name)
+    waiting = followers[None][::-1]
+    while waiting:
+        yield (name := waiting.pop())
+        waiting += reversed(followers[name])
 
 
 def _parse(path: Path, exchange: Exchange) -> _Document:
@@ -166,6 +187,7 @@ def _tier(tier: Element, path: Path) -> dict[str, _Annotation]:
                 if is_aligned
                 else None,
                 parent=None if is_aligned else _given(element, "ANNOTATION_REF", path),
+                previous=element.get("PREVIOUS_ANNOTATION"),
             )
     return annotations
 

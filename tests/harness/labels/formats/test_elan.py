@@ -242,6 +242,31 @@ def test_divisions_of_any_number_and_depth_are_read(
     assert [label and label.target for label in labels] == expected
 
 
+@pytest.mark.parametrize(
+    ("previous", "expected"),
+    [
+        ({"1": "3", "2": "1"}, ["none", "none", "bird", "bird", "cup", "cup"]),  # a division before the first one
+        ({"2": "1", "3": "1"}, ["bird", "bird", "cup", "cup", "none", "none"]),  # two after the same one
+        ({"1": "of another tier"}, ["bird", "bird", "cup", "cup", "none", "none"]),
+    ],
+)
+def test_a_division_comes_after_its_previous_one(previous: dict[str, str], expected: list[str], tmp_path: Path) -> None:
+    text = _divided([("1", "top", "bird"), ("2", "top", "cup"), ("3", "top", "none")])
+    for name, before in previous.items():
+        text = text.replace(f'ANNOTATION_ID="{name}"', f'ANNOTATION_ID="{name}" PREVIOUS_ANNOTATION="{before}"')
+    imported = Elan().read(write_text(tmp_path / "a.eaf", text), exchange())
+    labels = [imported.labels.at(frame, "girl") for frame in range(1, 7)]
+    assert [label and label.target for label in labels] == expected
+
+
+def test_divisions_in_a_circle_are_refused(tmp_path: Path) -> None:
+    text = _divided([("1", "top", "bird"), ("2", "top", "cup")])
+    for name, before in (("1", "2"), ("2", "1")):
+        text = text.replace(f'ANNOTATION_ID="{name}"', f'ANNOTATION_ID="{name}" PREVIOUS_ANNOTATION="{before}"')
+    with pytest.raises(VfoaError, match=r"a\.eaf: tier 'girl' refers to"):
+        Elan().read(write_text(tmp_path / "a.eaf", text), exchange())
+
+
 def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"--offset: .*-2 s"):
         Elan().write(tmp_path / "a.eaf", Labels([row(1, 2, "bird")]), exchange(offset=-2.0))
