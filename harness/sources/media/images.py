@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.files.io import read_bytes
-from vfoa.errors import VfoaError
+from harness.sources.media.tiff import has_separate_planes, is_tiff, plain_tiff, tiff_problem
+from vfoa.errors import VfoaError, reported_as
 from vfoa.types import Image
 
 _CORNER_PX = 4
@@ -86,8 +87,28 @@ def decode_rgb(data: bytes, where: str, *, upright: bool = False) -> Image:
 
 
 _BRIGHTEST = 255
-_NETPBM = re.compile(rb"P[56](?:(?:\s|#[^\n]*\n)+\d+){2}(?:\s|#[^\n]*\n)+([1-9]\d*)\s")
-"""Header of a PGM or PPM in binary, up to the value of white, which OpenCV does not use."""
+_NETPBM = re.compile(rb"P[2356](?:(?:\s|#[^\n]*\n)+\d+){2}(?:\s|#[^\n]*\n)+([1-9]\d*)\s")
+"""Header of a PGM or PPM, up to the value of white, which OpenCV does not use of a binary one."""
+_PLAIN_NETPBM = re.compile(rb"P[23][\s#]")
+_NETPBM_COMMENT = re.compile(rb"#[^\n]*")
+
+
+def _packed(data: bytes, where: str) -> bytes:
+    """A PGM or PPM in plain text as the same picture in binary: OpenCV scales the numbers of the former."""
+    magic, *words = _NETPBM_COMMENT.sub(b"", data).split()
+    with reported_as(f"{where}: not a readable PGM or PPM in plain text"):
+        width, height, white = map(int, words[:3])
+        values = np.array(words[3:], np.int64)
+    n_values = width * height * (3 if magic == b"P3" else 1)
+    if len(values) < n_values:
+        raise VfoaError(f"{where}: the file ends after {len(values)} of {n_values} values; expected a whole copy")
+    values = values[:n_values]
+    if values.size and not 0 <= values.min() <= values.max() <= white:
+        raise VfoaError(
+            f"{where}: found values from {values.min()} to {values.max()}; expected 0 to the header's {white}"
+        )
+    header = f"P{6 if magic == b'P3' else 5}\n{width} {height}\n{white}\n".encode()
+    return header + values.astype(np.uint8 if white <= _BRIGHTEST else ">u2").tobytes()
 
 
 def _scaled(values: NDArray[Any], white: int) -> Image:
@@ -114,7 +135,8 @@ _TURNS = {
 def turn_of(path: Path) -> str:
     """What the orientation of an image (EXIF) does to its pixels, in words; empty if it has none or cannot be read."""
     with suppress(OSError, SyntaxError, ValueError), path.open("rb") as file:
-        if b"exif" not in file.read(_HEAD_BYTES).lower():
+        head = file.read(_HEAD_BYTES)
+        if b"exif" not in head.lower() and not is_tiff(head):
             return ""  # most have none, and Pillow takes its time to import
         from PIL import Image as Pillow
 
@@ -131,7 +153,13 @@ def read_raw(path: Path) -> NDArray[Any]:
     VfoaError
         As :func:`read_rgb`.
     """
-    image = decode(read_bytes(path), str(path), cv2.IMREAD_UNCHANGED)
+    data = read_bytes(path)
+    image = decode(data, str(path), cv2.IMREAD_UNCHANGED)
+    if is_tiff(data) and has_separate_planes(data):
+        raise VfoaError(
+            f"{path}: a TIFF whose colours of 16 bits are in planes of their own; expected those of a pixel beside "
+            "each other (PlanarConfiguration 1: tifffile's planarconfig='contig')"
+        )
     if image.ndim == 2:
         return image
     if image.dtype not in (np.uint8, np.uint16) or image.shape[2] not in (3, 4):
@@ -145,6 +173,11 @@ def decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
     # OpenCV 4 silently fills the missing part of a truncated file with black or gray.
     if problem := _damage(data):
         raise VfoaError(f"{where}: {problem}")
+    if is_tiff(data):
+        is_turned = flags != cv2.IMREAD_UNCHANGED and not flags & cv2.IMREAD_IGNORE_ORIENTATION
+        data = plain_tiff(data, keeps_orientation=is_turned)
+    elif _PLAIN_NETPBM.match(data):
+        data = _packed(data, where)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
@@ -171,34 +204,13 @@ def _damage(data: bytes) -> str | None:
         return "a pointer of Git LFS, not the image; expected its content: git lfs pull fetches it"
     if data.startswith(_PNG) and (problem := _png_damage(data)):
         return problem
-    if data.startswith(tuple(_TIFF)) and (bits := _tiff_bits(data)) not in _READ_BITS:
-        return f"a TIFF of {bits} bits per sample; expected one of: {', '.join(map(str, _READ_BITS))}"
+    if is_tiff(data) and (problem := tiff_problem(data)):
+        return problem
     # Some cameras append a few bytes of their own to a JPEG, or send the buffer's rest; inside compressed data the end
     # mark cannot occur.
     if data.startswith(_JPEG) and _JPEG_END not in data.rstrip(b"\0")[-1024:]:
         return f"truncated JPEG: no end mark in {len(data)} bytes"
     return None
-
-
-_TIFF = {b"II*\0": "<", b"MM\0*": ">"}
-"""First bytes of a TIFF, and the order of the bytes of its numbers."""
-_READ_BITS = (1, 4, 8, 16, 32, 64)
-"""Bits of a sample of TIFF that OpenCV reads; it gives wrong numbers for 10, 12 and 14, which share bytes."""
-_BITS_PER_SAMPLE = 258
-
-
-def _tiff_bits(data: bytes) -> int:
-    """The bits of the first sample of a TIFF; 1, the format's default, if it does not say them or is damaged."""
-    order = _TIFF[data[:4]]
-    with suppress(struct.error):
-        (at,) = struct.unpack_from(f"{order}I", data, 4)
-        (count,) = struct.unpack_from(f"{order}H", data, at)
-        for place in range(at + 2, at + 2 + 12 * count, 12):
-            tag, _, samples = struct.unpack_from(f"{order}HHI", data, place)
-            if tag == _BITS_PER_SAMPLE:
-                (far,) = struct.unpack_from(f"{order}I", data, place + 8)
-                return int(struct.unpack_from(f"{order}H", data, place + 8 if samples <= 2 else far)[0])
-    return 1
 
 
 def _ends_early(data: bytes, image: NDArray[Any]) -> bool:
