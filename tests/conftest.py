@@ -114,6 +114,20 @@ def _commands_are_built_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True)
+def _no_real_time() -> Iterator[None]:
+    """End each test with the scheduling it began with: for root, an encoder may make this process a real-time one.
+
+    Whatever it starts afterwards, a browser for example, would be one too, and two of them can stop the machine.
+    """
+    if not hasattr(os, "sched_getscheduler"):
+        yield
+        return
+    usual = os.sched_getscheduler(0)
+    yield
+    assert os.sched_getscheduler(0) == usual
+
+
 @pytest.fixture(scope="session")
 def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
     """The browser of all tests of a process; it takes seconds to start."""

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from harness.record.images import open_without_real_time
 from harness.sources.media import film
 from harness.sources.media.film import container_tags, first_picture_s
 from harness.sources.media.video import STEP, Video
@@ -163,6 +164,7 @@ def write_coded(
         stream: Any = container.add_stream(coder, rate=25, options=options)
         stream.height, stream.width, stream.pix_fmt = *images[0].shape[:2], "yuv420p"
         stream.codec_context.sample_aspect_ratio = aspect
+        open_without_real_time(stream.codec_context)
         for image in images:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
         container.mux(stream.encode(None))
