@@ -113,17 +113,33 @@ def difference_interval(units: Units, alpha: float = SIGNIFICANCE) -> Interval:
 
     Unknown if the test can reject nothing with so few units, or if all units differ alike, so that their spread is not
     known. If no frame differs, it is the exact bound: the largest difference that this many units can miss completely.
+    If a few units differ, all in one direction, it also holds what they can miss in the other one.
     """
     merged = units.merged()
     if len(merged.frames) < 2:
         return NO_INTERVAL
+    missed = _clopper_pearson(0.0, len(merged.frames), alpha)[1]
     if not units.values.any():
-        widest = _clopper_pearson(0.0, len(merged.frames), alpha)[1]
-        return _interval(units, -widest, widest)
+        return _interval(units, -missed, missed)
     if np.ptp(merged.values / merged.frames) == 0:
         return NO_INTERVAL
     ends = sign_flip_interval(merged.values, merged.frames, alpha)
-    return NO_INTERVAL if ends is None else _interval(units, *ends)
+    return NO_INTERVAL if ends is None else _interval(units, *_with_unseen(merged, missed, *ends))
+
+
+def _with_unseen(merged: Units, missed: float, low: float, high: float) -> tuple[float, float]:
+    """The ends of an interval that holds 0, which then also holds what the units miss in a direction that none shows.
+
+    Differences that are 0 in most units are not symmetric about their mean: with one worse unit and none that is
+    better, the test alone would rule out any gain. Up to a share ``missed`` of the units may be better, each by as much
+    as the one that differs most; the distances of both directions are added in squares (Zou and Donner, Statistics in
+    Medicine 27, 2008).
+    """
+    if not low <= 0 <= high or merged.values.min() < 0 < merged.values.max():
+        return low, high
+    seen, unseen = abs(merged.rate), missed * float(np.abs(merged.values / merged.frames).max())
+    beyond = math.hypot(seen, unseen) - seen
+    return min(low, -beyond), max(high, beyond)
 
 
 def standard_error(units: Units) -> float:
