@@ -235,11 +235,17 @@ def _visible(
 
 
 def _key_frames(visible: _Visible, listed: Sequence[int]) -> Iterator[KeyFrame]:
-    """The key frames of one name and kind: those of its tracks, the ends of its stretches, and where it is gone."""
+    """The key frames of one name and kind: those of its tracks, the ends of its stretches, and where it is gone.
+
+    A task moves its shapes by places, drawn shapes move by frame numbers: where numbers are left out, every shape is
+    a key frame.
+    """
     for before, frame, after in zip([-1, *listed], listed, [*listed[1:], -1], strict=False):
         if frame in visible:
             track, shape = visible[frame]
-            if shape.is_needed or any(visible.get(near, (None,))[0] is not track for near in (before, after)):
+            is_even = frame - before == after - frame
+            is_within = all(visible.get(near, (None,))[0] is track for near in (before, after))
+            if shape.is_needed or not (is_even and is_within):
                 yield KeyFrame(frame=frame, place=shape.place)
         elif before in visible:
             yield KeyFrame(frame=frame, place=visible[before][1].place, outside=True)

@@ -22,15 +22,16 @@ from vfoa.errors import VfoaError
 
 FIRST, COUNT = 1, 50
 """The clip's frames are 1 to 50; those of a task are 0 to 49."""
+WHOLE = range(FIRST, FIRST + COUNT)
 
 
-def read(tmp_path: Path, *elements: str, **more: object) -> Imported:
+def read(tmp_path: Path, *elements: str, frames: Sequence[int] = WHOLE, **more: object) -> Imported:
     return Cvat().read(
-        write_text(tmp_path / "annotations.xml", cvat_document(*elements)), exchange(PlainClip(), **more)
+        write_text(tmp_path / "annotations.xml", cvat_document(*elements)), exchange(PlainClip(frames=frames), **more)
     )
 
 
-def places(drawn: Drawn, frames: Sequence[int] = range(FIRST, FIRST + COUNT)) -> dict[tuple[str, str, int], Box]:
+def places(drawn: Drawn, frames: Sequence[int] = WHOLE) -> dict[tuple[str, str, int], Box]:
     return {
         (shape.name, shape.kind, frame): (place[0], place[1], place[-2], place[-1])
         for frame in frames
@@ -87,6 +88,14 @@ def test_only_key_frames_are_kept(tmp_path: Path) -> None:
     element, _ = _as_cvat_writes({3: (0, 0, 10, 10), 20: (17, 0, 27, 10)}, 30, number=0, label="bird")
     (shape,) = read(tmp_path, element).drawn.tracks
     assert [(key.frame, key.outside) for key in shape.keys] == [(4, False), (21, False), (31, False), (32, True)]
+
+
+def test_where_frames_are_missing_shapes_stay_at_their_places_in_the_film(tmp_path: Path) -> None:
+    numbers = (1, 2, 3, 10, 11, 12)
+    element, frames = _as_cvat_writes({0: (0, 0, 10, 10), 5: (50, 0, 60, 10)}, 5, number=0, label="bird")
+    found = places(read(tmp_path, element, frames=numbers).drawn, numbers)
+    for at, place in frames.items():
+        assert found["bird", "box", numbers[at]] == pytest.approx([coordinate - 0.5 for coordinate in place], abs=0.011)
 
 
 def test_a_person_s_attribute_has_the_looks(tmp_path: Path) -> None:
