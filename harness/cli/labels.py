@@ -89,7 +89,7 @@ def import_(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="BORIS, Observer: observation to read, if the file has several. Pupil Cloud: recording. "
+            help="BORIS, Observer: observation to read, if the file has several. Pupil Cloud, table: recording. "
             "Label Studio: id of the annotation.",
         ),
     ] = None,

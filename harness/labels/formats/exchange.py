@@ -130,7 +130,7 @@ class Exchange:
         In ELAN, BORIS, Datavyu, Label Studio and VIA: the film that shows the clip, if a file has several.
     observation
         In BORIS and The Observer XT: the observation to read, if a file has several. In Pupil Cloud: the id or name of
-        the recording. In Label Studio: the id of the annotation.
+        the recording, in a table what its column has. In Label Studio: the id of the annotation.
     modifier
         What names the targets. In BORIS and The Observer XT: the set of modifiers, "none" for behaviours with
         modifiers that do not count. In Datavyu: the code, of columns with several. In CVAT and VIA: the attribute.

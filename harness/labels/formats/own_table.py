@@ -34,7 +34,7 @@ from harness.labels.formats.exchange import (
 )
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
 from harness.labels.rows import check_ends, check_sequence, check_text
-from vfoa.errors import VfoaError, listed
+from vfoa.errors import VfoaError, check_known, listed
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "subject": ("subject", "person", "who", "participant", "participant_name"),
@@ -78,7 +78,8 @@ class OwnTable(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels. Without a column of subjects they are those of the clip's only one."""
-        return from_rows(_by_target(_by_subject(even_rows(path), exchange), exchange, path), exchange, path)
+        rows = _of_recording(even_rows(path), exchange, path)
+        return from_rows(_by_target(_by_subject(rows, exchange), exchange, path), exchange, path)
 
 
 def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
@@ -120,6 +121,35 @@ def even_rows(path: Path) -> Sequence[Row]:
     rows = table_rows(path) or [(1, [])]
     for line, cells in rows:
         check_width(cells, rows[0][1], f"{path}:{line}")
+    return rows
+
+
+_RECORDING = ("recording_name", "recording_id")
+
+
+def _of_recording(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[Row]:
+    """The rows of the recording that is ``exchange.observation``; without it, all rows.
+
+    Raises
+    ------
+    VfoaError
+        If there is no such recording, or somebody has several, whose times are not of one clock.
+    """
+    (line, header), *lines = rows
+    plain = [plain_name(name) for name in header]
+    place = next((plain.index(name) for name in _RECORDING if name in plain), None)
+    named = [] if place is None else [(cells[place], cells) for _, cells in lines if not is_missing(cells[place])]
+    recordings = dict.fromkeys(name for name, _ in named)
+    if exchange.observation is not None:
+        check_known(exchange.observation, recordings, f"{path}: --observation: no recording")
+        return [rows[0], *(row for row in lines if place is not None and row[1][place] == exchange.observation)]
+    subject = next((at for at, name in enumerate(header) if _column(name) == "subject"), None)
+    pairs = {("" if subject is None else cells[subject], name) for name, cells in named}
+    if len(pairs) > len({person for person, _ in pairs}):
+        raise VfoaError(
+            f"{path}:{line}: found the recordings {listed([*map(repr, recordings)], 8)}, several of one person; "
+            "expected --observation NAME, the one of the clip"
+        )
     return rows
 
 

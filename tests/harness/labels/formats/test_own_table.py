@@ -114,6 +114,19 @@ def test_the_areas_of_interest_of_an_eye_tracker_are_targets(tmp_path: Path) -> 
         _read(tmp_path, text, offset=2.0)
 
 
+def test_of_several_recordings_of_a_person_one_is_chosen(tmp_path: Path) -> None:
+    """Each has times from 0; two people may have one each."""
+    header = "Recording timestamp [ms]\tParticipant name\tRecording name\tAOI hit [S - bird]\tAOI hit [S - cup]\n"
+    rows = [f"{at}\tgirl\t{name}\t{hits}\n" for name, hits in (("R1", "1\t0"), ("R2", "0\t1")) for at in (0, 110, 210)]
+    with pytest.raises(VfoaError, match=r"mine\.csv:1: found the recordings 'R1', 'R2'.*--observation"):
+        _read(tmp_path, header + "".join(rows))
+    assert _read(tmp_path, header + "".join(rows), observation="R2")[0] == Labels([row(1, 3, "cup")])
+    with pytest.raises(VfoaError, match=r"--observation: no recording 'R3'"):
+        _read(tmp_path, header + "".join(rows), observation="R3")
+    two = header + "".join([*rows[:3], *(row.replace("girl", "boy") for row in rows[3:]), "0\tgirl\t\t\t\n"])
+    assert _read(tmp_path, two)[0] == Labels([row(1, 3, "bird"), row(1, 3, "cup", "boy")])
+
+
 MINUTE = PlainClip(frames=range(1, 1501))
 
 
