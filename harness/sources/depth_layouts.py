@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from harness.files.io import read_text
 from harness.sources import Recognised
+from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.media.frame_files import (
     IMAGE_SUFFIXES,
@@ -119,11 +120,11 @@ def find_depth_frames(
 
 
 _COLOUR_WORDS = ("rgb", "color", "colour", "image", "img", "left")
-_CALIBRATIONS = (
-    *("intrinsics.json", "camera_intrinsic.json", "intrinsic.json", "camera.json", "camera_info.yaml"),
-    *("K.txt", "intrinsics.txt", "camera-intrinsics.txt", "camera.txt", "calibration.txt"),
+_CALIBRATIONS = re.compile(
+    r"(?:(?:camera|color|colour|rgb)[_-]?)?(?:intrinsics?|info|calib|calibration)|camera|k|ost", re.IGNORECASE
 )
-"""File names of one camera's calibration in Open3D, ROS and data sets."""
+"""The name, without its suffix, of one camera's calibration in Open3D, ROS, OpenCV and data sets."""
+_CALIBRATION_SUFFIXES = frozenset({*SUFFIXES, ".txt", ".ini"})
 
 TUM_SCALE = 5000.0
 """Counts per metre in TUM RGB-D; Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012."""
@@ -177,21 +178,38 @@ def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
     """The reading of these files, with a calibration beside them or, for TUM's cameras, the published one."""
     found = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS, source.get("stamps"))
     colours = found.colours
-    calibration = None
-    files = {entry.name.lower(): entry for entry in path.iterdir() if entry.is_file()}
-    for file in (files[name.lower()] for name in _CALIBRATIONS if name.lower() in files):
-        with suppress(VfoaError):
+    calibration, incomplete = None, list[str]()
+    for file in _calibrations(path):
+        try:
             height, width = read_rgb(next(iter(colours.values()))).shape[:2]
             read_one_camera(file, (width, height))
             source["calibration"] = calibration = file.name
             break
+        except VfoaError as error:
+            incomplete.append(str(error))
     known = next((name for name in _TUM_CAMERAS if name in path.name.lower() and "depth_scale" in source), None)
     if calibration is None and known is not None:
         source["camera"] = dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), _TUM_CAMERAS[known], strict=True))
         calibration = f"as published for {known}, without its lens distortion"
     scale = f", {source['depth_scale']:g} counts a metre (TUM RGB-D)" if "depth_scale" in source else ""
     layout = f"colour {source['colour']!r} and depth {source['depth']!r}: {len(colours)} frames{scale}"
-    return Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)
+    return Recognised(
+        root=path,
+        source=source,
+        layout=layout,
+        name=path.name,
+        calibration=calibration,
+        incomplete=() if calibration else tuple(incomplete),
+    )
+
+
+def _calibrations(folder: Path) -> list[Path]:
+    """The files beside the images that are named as the calibration of one camera."""
+    return sorted(
+        entry
+        for entry in folder.iterdir()
+        if entry.suffix.lower() in _CALIBRATION_SUFFIXES and _CALIBRATIONS.fullmatch(entry.stem) and entry.is_file()
+    )
 
 
 def _depths(path: Path) -> Iterator[tuple[str, Path, list[str]]]:

@@ -105,7 +105,7 @@ class RawCalibration:
     def __post_init__(self) -> None:
         for side, camera in (("left", self.left), ("right", self.right)):
             where = f"{self.where}: {side}"
-            _check_lens(camera, where)
+            check_lens(camera, where)
             _check_rotation(camera.r, where)
             _check_shape("P", camera.p, (3, 4), where)
         if self.left.size_px != self.right.size_px:
@@ -198,7 +198,7 @@ class Rectifier:
         return left if self._sides is None else self._sides[0].image(left, "left image")
 
 
-def _check_lens(camera: RawCamera, where: str) -> None:
+def check_lens(camera: RawCamera, where: str) -> None:
     """Reject an invalid camera matrix, or a wrong number of coefficients for the model."""
     k, d, counts = camera.k, camera.d, _COEFFICIENTS[camera.model]
     _check_shape("K", k, (3, 3), where)
@@ -275,7 +275,7 @@ def rectify_pose(left: RawCamera, right: RawCamera, rotation: Float, translation
         If the models differ, a matrix is wrong, or the cameras are not side by side, left before right.
     """
     for side, camera in (("left", left), ("right", right)):
-        _check_lens(camera, f"{where}: {side}")
+        check_lens(camera, f"{where}: {side}")
     _check_rotation(rotation, where)
     if left.model != right.model:
         raise VfoaError(f"{where}: left is {left.model}, right {right.model}; expected one distortion model")

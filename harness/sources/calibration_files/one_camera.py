@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,19 @@ from typing import Any
 import numpy as np
 
 from harness.files.io import read_text
-from harness.files.parsing import parse_json
 from harness.sources.calibration import check_size
-from harness.sources.calibration_files.documents import Document, numbers, read_document, ros_camera
+from harness.sources.calibration_files.documents import Document, document_suffix, numbers, read_document, ros_camera
+from harness.sources.calibration_files.opencv import is_distortion, opencv_camera
+from harness.sources.calibration_files.ros_text import is_ros_text, read_ros_camera
 from harness.sources.calibration_files.texts import camera_matrix, floats
 from harness.sources.depth_optics import pinhole, without_distortion
-from harness.sources.rectification import MODELS, RawCamera
-from vfoa.errors import VfoaError
+from harness.sources.rectification import MODELS, RawCamera, check_lens
+from vfoa.errors import VfoaError, listed
 
-FORMATS = "ROS's camera_info (YAML), Open3D's intrinsics or RealSense's fx fy ppx ppy (JSON), or K as 3 x 3 numbers"
+FORMATS = (
+    "ROS's camera_info, OpenCV's camera_matrix and dist_coeffs, Open3D's intrinsic_matrix, RealSense's fx fy ppx ppy, "
+    "or K as 3 x 3 numbers"
+)
 
 _PLACES = (("fx",), ("fy",), ("cx", "ppx"), ("cy", "ppy"))
 _COEFFICIENTS, _MODEL = ("coeffs", "distortion"), ("model", "distortion_model")
@@ -29,10 +34,11 @@ _OF_LENS = re.compile(r"[kp]_?[1-6]|dist|.*(?:distort|coef).*", re.IGNORECASE)
 def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = False) -> RawCamera:
     """Return the camera of images of this (width, height).
 
-    - YAML of ROS (``camera_matrix``, ``distortion_coefficients``)
-    - JSON of Open3D: ``intrinsic_matrix``, nine numbers by columns
-    - JSON of a RealSense's intrinsics by their names in librealsense: ``fx``, ``fy``, ``ppx``, ``ppy`` (or ``cx``,
-      ``cy``), ``model``, ``coeffs``, ``width``, ``height``; the last four may be missing
+    - ROS (``camera_matrix``, ``projection_matrix`` ...): YAML, also as printed, and the ``.ini`` of its calibrator
+    - OpenCV's calibrateCamera: ``camera_matrix``, ``dist_coeffs`` and names like these, in YAML, XML, JSON, ``.npz``
+    - Open3D: ``intrinsic_matrix``, nine numbers by columns, in JSON
+    - a RealSense's intrinsics by their names in librealsense: ``fx``, ``fy``, ``ppx``, ``ppy`` (or ``cx``, ``cy``),
+      ``model``, ``coeffs``, ``width``, ``height``, in JSON or YAML; the last four may be missing
     - text: K, nine numbers by rows
 
     Parameters
@@ -47,21 +53,44 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
     VfoaError
         If the file is of none of these kinds, or of a camera of another size.
     """
-    match path.suffix.lower():
-        case ".yaml" | ".yml":
-            camera = ros_camera(read_document(path), str(path))
-        case ".json":
-            document = parse_json(read_text(path), path)
-            is_named = isinstance(document, dict) and "fx" in document
-            camera = (_named_camera if is_named else _open3d_camera)(path, document, size_px)
-        case _:
-            lines = [line.partition("#")[0] for line in read_text(path).splitlines()]
-            values = floats(" ".join(lines)) or []
-            if len(values) != 9:
-                raise VfoaError(f"{path}: found {len(values)} numbers; expected nine (K): {FORMATS}")
-            camera = pinhole(camera_matrix(values, path), size_px)
+    if document_suffix(path):
+        camera = _of_document(path, read_document(path), size_px)
+    elif is_ros_text(text := read_text(path)):
+        camera = read_ros_camera(path, text)
+    else:
+        values = floats(" ".join(line.partition("#")[0] for line in text.splitlines())) or []
+        if len(values) != 9:
+            raise VfoaError(f"{path}: found {len(values)} numbers; expected nine (K): {FORMATS}")
+        camera = pinhole(camera_matrix(values, path), size_px)
+    check_lens(camera, str(path))
     check_size(size_px, camera.size_px, f"{path}: images")
     return without_distortion(camera) if rectified else camera
+
+
+def _of_document(path: Path, document: Document, size_px: tuple[int, int]) -> RawCamera:
+    if "projection_matrix" in document:
+        return ros_camera(document, str(path))
+    if "fx" in document:
+        return _named_camera(path, document, size_px)
+    if isinstance(by_columns := document.get("intrinsic_matrix"), list) and np.shape(by_columns) == (9,):
+        k = numbers(by_columns, f"{path}: intrinsic_matrix", 9).reshape(3, 3).T
+        document = {**document, "intrinsic_matrix": k}
+    camera = opencv_camera(document, size_px, str(path))
+    if camera is None:
+        cameras = [name for name, value in document.items() if isinstance(value, Mapping) and "fx" in value]
+        found = f"the cameras {', '.join(cameras)}" if cameras else listed([str(name) for name in document], 8)
+        alone = "that of the images alone, with its values at the top: " if cameras else ""
+        raise VfoaError(f"{path}: found {found}; expected {alone}{FORMATS}")
+    camera_matrix(camera.k, path)
+    _check_lens_is_read(path, document, filter(is_distortion, document))
+    return camera if camera.d.any() else pinhole(camera.k, camera.size_px)
+
+
+def _check_lens_is_read(path: Path, document: Document, read: Iterable[str]) -> None:
+    """Raise a :class:`VfoaError` for the distortion of a lens under another name than those that are ``read``."""
+    for name in document.keys() - {*read, *_MODEL}:
+        if _OF_LENS.fullmatch(name) and numbers(document[name], f"{path}: {name}").any():
+            raise VfoaError(f"{path}: {name}: expected the distortion of the lens as {' or '.join(_COEFFICIENTS)}")
 
 
 def _named_camera(path: Path, document: Document, size_px: tuple[int, int]) -> RawCamera:
@@ -83,9 +112,7 @@ def _named_camera(path: Path, document: Document, size_px: tuple[int, int]) -> R
     camera = pinhole(camera_matrix([fx, 0, cx, 0, fy, cy, 0, 0, 1], path), (width, height))
     name, values = known(_COEFFICIENTS, [0.0] * 5)
     d = numbers(values, f"{path}: {name}")
-    for other in document.keys() - {*_COEFFICIENTS, *_MODEL}:
-        if _OF_LENS.fullmatch(other) and numbers(document[other], f"{path}: {other}").any():
-            raise VfoaError(f"{path}: {other}: expected the distortion of the lens as {' or '.join(_COEFFICIENTS)}")
+    _check_lens_is_read(path, document, _COEFFICIENTS)
     if not d.any():
         return camera
     name, given = known(_MODEL, "")
@@ -97,12 +124,3 @@ def _named_camera(path: Path, document: Document, size_px: tuple[int, int]) -> R
             "or ROS, such as brown_conrady"
         )
     return replace(camera, d=d[:4] if MODELS[model] == "equidistant" else d, model=MODELS[model])
-
-
-def _open3d_camera(path: Path, document: Any, size_px: tuple[int, int]) -> RawCamera:
-    try:
-        size = (int(document.get("width", size_px[0])), int(document.get("height", size_px[1])))
-        by_columns = np.array(document["intrinsic_matrix"], np.float64).reshape(3, 3)
-    except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
-        raise VfoaError(f"{path}: no intrinsic_matrix of nine numbers; expected {FORMATS}") from None
-    return pinhole(camera_matrix(by_columns.T, path), size)

@@ -113,6 +113,34 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
     raise VfoaError(f"{where}: found {there}; {expected}, or P1 P2 of rectified images")
 
 
+def opencv_camera(document: Document, size_px: tuple[int, int], where: str) -> RawCamera | None:
+    """Return the camera of a file of calibrateCamera, which has one matrix, for images of this size if it names none.
+
+    None: there is no matrix under such a name.
+
+    Raises
+    ------
+    VfoaError
+        If the matrix or the coefficients occur under two names or have a wrong shape.
+    """
+    read = {role: [name for name in document if _plain(name) in _OF_A_CAMERA[role]] for role in "KD"}
+    for role, names in read.items():
+        if len(names) > 1:
+            raise VfoaError(f"{where}: {' and '.join(names)} all are {role}; expected one of them")
+    if not read["K"]:
+        return None
+    values = {role: numbers(document[name], f"{where}: {name}") for role, names in read.items() for name in names}
+    k = _of_shape(values, "K", where)
+    size = _opencv_size(document, {"K1": k}, where) or size_px
+    model: Model = "equidistant" if _says_fisheye(document) else "plumb_bob"
+    return RawCamera(size_px=size, k=k, d=values.get("D", np.zeros(0)), model=model)
+
+
+def is_distortion(name: object) -> bool:
+    """Whether a name is one of the distortion coefficients of a single camera."""
+    return _plain(name) in _OF_A_CAMERA["D"]
+
+
 def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
     document = dict(_one_level(document))
     names: dict[str, str] = {}
@@ -131,7 +159,12 @@ def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
 
 
 def _role(name: object) -> str | None:
-    return _ROLES.get(str(name).lower().replace("_", ""))
+    return _ROLES.get(_plain(name))
+
+
+def _plain(name: object) -> str:
+    """A name in lower case, without underscores."""
+    return str(name).lower().replace("_", "")
 
 
 def _one_level(document: Document) -> Iterator[tuple[str, Any]]:
@@ -152,8 +185,7 @@ def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:
 
 
 def _by_plain_name(document: Document) -> dict[str, Any]:
-    """The values by their names in lower case, without underscores."""
-    return {str(name).lower().replace("_", ""): value for name, value in document.items()}
+    return {_plain(name): value for name, value in document.items()}
 
 
 def _opencv_size(document: Document, matrices: Mapping[str, Float], where: str) -> tuple[int, int] | None:
@@ -170,10 +202,13 @@ def _opencv_size(document: Document, matrices: Mapping[str, Float], where: str) 
 
 
 def _says_fisheye(document: Document) -> bool:
-    """Whether a value such as ``fisheye: true`` or ``camera_model: fisheye`` says so, which people add."""
+    """Whether a value such as ``fisheye: true`` or ``camera_model: fisheye`` says so, which people add.
+
+    ``fisheye_model: 1`` is of OpenCV's own program.
+    """
     plain = _by_plain_name(document)
     models = [str(plain.get(name)) for name in ("model", "cameramodel", "distortionmodel")]
-    return str(plain.get("fisheye")).lower() in ("true", "1") or any(
+    return any(str(plain.get(name)).lower() in ("true", "1") for name in ("fisheye", "fisheyemodel")) or any(
         MODELS.get(name) == "equidistant" for name in models
     )
 

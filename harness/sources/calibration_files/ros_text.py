@@ -63,6 +63,16 @@ def read_ros_text(path: Path, text: str, baseline_m: float | None) -> RawCalibra
     return pair_of_infos(left, right, str(path), baseline_m)
 
 
+def read_ros_camera(path: Path, text: str) -> RawCamera:
+    """Return the only camera of a file; raises as :func:`read_ros_text`."""
+    cameras = _cameras(text)
+    if len(cameras) != 1:
+        there = ", ".join(f"[{name}]" for name, _ in cameras) or "no camera"
+        raise VfoaError(f"{path}: found {there}; expected one camera")
+    ((name, values),) = cameras
+    return _camera(values, f"{path}: [{name}]")
+
+
 def _cameras(text: str) -> list[tuple[str, dict[str, list[float]]]]:
     """The name of each camera, and the numbers below each title; what is before the first ``[image]`` is no part."""
     cameras: list[tuple[str, dict[str, list[float]]]] = []

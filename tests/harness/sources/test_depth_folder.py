@@ -97,6 +97,13 @@ def k_text(root: Path) -> Path:
     return root
 
 
+def opencv(root: Path) -> Path:
+    png(root)
+    lists = {"mtx": [[100.0, 0, 31.5], [0, 100.0, 23.5], [0, 0, 1]], "dist": [[0.0] * 5]}
+    write_text(root / "calibration.json", json.dumps(lists))
+    return root
+
+
 TUM_KINDS = ("rgb", "depth")
 
 
@@ -120,6 +127,7 @@ LAYOUTS: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "7-Scenes names": (seven_scenes, OPTIONS),
     "with Open3D's intrinsics": (open3d, ()),
     "with K.txt": (k_text, ()),
+    "with OpenCV's matrix": (opencv, ()),
 }
 
 
@@ -217,6 +225,12 @@ def test_stamps_have_no_rate_beside_them() -> None:
 def test_without_a_calibration_it_says_what_to_give(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"^[^\n]*--fx --cx --cy[^\n]*$"):
         add_clip(png(tmp_path / "take"))
+
+
+def test_a_calibration_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    path = write_text(png(tmp_path / "take") / "intrinsics.json", '{"fx": 100}')
+    with pytest.raises(VfoaError, match=rf"{path}: found no fy"):
+        add_clip(tmp_path / "take")
 
 
 @pytest.mark.parametrize(

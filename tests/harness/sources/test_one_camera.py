@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -48,12 +49,46 @@ REALSENSE = {
     "model": "distortion.inverse_brown_conrady",
     "coeffs": [0.0] * 5,
 }
+ROS_INI = """# Camera intrinsics
+
+[image]
+
+width
+640
+
+height
+480
+
+[color]
+
+camera matrix
+600.00000 0.00000 320.00000
+0.00000 610.00000 240.00000
+0.00000 0.00000 1.00000
+
+distortion
+0.10000 -0.20000 0.00000 0.00000 0.00000
+
+rectification
+1.00000 0.00000 0.00000
+0.00000 1.00000 0.00000
+0.00000 0.00000 1.00000
+
+projection
+600.00000 0.00000 320.00000 0.00000
+0.00000 610.00000 240.00000 0.00000
+0.00000 0.00000 1.00000 0.00000
+"""
+LISTS = {"camera_matrix": K.tolist(), "dist_coeff": [[0.0] * 5], "rms": 0.3}
 FILES = {
     "camera_info.yaml": ROS,
     "echo.yaml": ECHO,
     "camera_intrinsic.json": json.dumps({"width": 640, "height": 480, "intrinsic_matrix": K.T.ravel().tolist()}),
     "realsense.json": json.dumps(REALSENSE),
     "intrinsics.json": json.dumps({"fx": 600, "fy": 610, "cx": 320, "cy": 240, "distance_m": 2}),
+    "camera.yaml": "fx: 600\nfy: 610\ncx: 320\ncy: 240\n",
+    "opencv.json": json.dumps(LISTS),
+    "ost.ini": ROS_INI,
     "K.txt": "600 0 320\n0 610 240\n0 0 1\n",
     "intrinsics.txt": "# by rows\n600, 0, 320, 0, 610, 240, 0, 0, 1\n",
 }
@@ -64,8 +99,24 @@ def test_each_format_gives_the_same_camera(tmp_path: Path, name: str) -> None:
     found = read_one_camera(write_text(tmp_path / name, FILES[name]), SIZE)
     assert found.size_px == SIZE
     assert np.array_equal(found.k, K)
-    assert found.d.any() == name.endswith(".yaml")
+    assert found.d.any() == (name in ("camera_info.yaml", "echo.yaml", "ost.ini"))
     assert not read_one_camera(tmp_path / name, SIZE, rectified=True).d.any()
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json", "npz"])
+@pytest.mark.parametrize(("fisheye", "model"), [({}, "plumb_bob"), ({"fisheye_model": 1}, "equidistant")])
+def test_opencv_s_camera_is_read(tmp_path: Path, suffix: str, fisheye: dict[str, int], model: str) -> None:
+    d, path = np.array([[0.1, -0.2, 0.001, 0.002]]), tmp_path / f"camera.{suffix}"
+    values = {"image_width": 640, "image_height": 480, "camera_matrix": K, "distortion_coefficients": d, **fisheye}
+    if suffix == "npz":
+        np.savez(path, **values)
+    else:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        for name, value in values.items():
+            storage.write(name, value)
+        storage.release()
+    found = read_one_camera(path, SIZE)
+    assert (found.model, found.size_px, found.k.tolist(), found.d.tolist()) == (model, SIZE, K.tolist(), d[0].tolist())
 
 
 @pytest.mark.parametrize(
@@ -92,6 +143,12 @@ def test_the_lens_of_a_realsense_is_read(tmp_path: Path, model: str, count: int,
         ("a.json", json.dumps({**REALSENSE, "model": [1], "coeffs": [0.1, 0, 0, 0, 0]})),
         ("a.json", json.dumps({**REALSENSE, "coeffs": [0.1, 0, 0]})),
         ("a.json", json.dumps({**REALSENSE, "k1": 0.1})),
+        ("a.json", json.dumps({**LISTS, "dist_coeff": [0.1, 0.2, 0.3]})),
+        ("a.json", json.dumps({**LISTS, "mtx": K.tolist()})),
+        ("a.json", json.dumps({**LISTS, "k1": 0.1})),
+        ("a.json", json.dumps({**LISTS, "camera_matrix": K.T.tolist()})),
+        ("a.json", json.dumps({"color": REALSENSE, "depth": REALSENSE})),
+        ("a.ini", ROS_INI + ROS_INI),
         ("a.yaml", "[1, 2]"),
         ("a.yaml", "a: ["),
         ("a.yaml", "camera_matrix: 3"),
