@@ -23,6 +23,8 @@ _WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 _OTHERS = re.compile(rb"<(table|html|tr|td)\b.*Behaviou?r|INSERT INTO .*aggregated_events|^% SDIS ", re.DOTALL | re.I)
 _KINDS = {"STATE": "State event", "START": "State event", "STOP": "State event", "POINT": "Point event"}
 _FILMS = ("Media file name", "Media file path", "Media file")
+_OF_PICTURES = ("From directories of images", "From pictures")
+"""An observation of pictures in tabular and in aggregated events: times in it, where it has some, are not a film's."""
 _EXPECTED = "expected TSV or CSV in BORIS's export, or its project (.boris)"
 
 
@@ -103,7 +105,7 @@ def _source(cells: Mapping[str, str]) -> dict[str, Any]:
     offset = cells.get("Time offset (s)", "")
     found: dict[str, Any] = {"time offset": 0.0 if is_missing(offset) else offset}
     times = [cells.get(name, "") for name in ("Start (s)", "Time") if name in cells]
-    if cells.get("Observation type", "").startswith("From dir") or all(map(is_missing, times)):
+    if cells.get("Observation type", "").startswith(_OF_PICTURES) or all(map(is_missing, times)):
         return {**found, "type": "IMAGES"}
     players = [
         [film for film in re.sub(r"^player #[0-9]+: ?", "", films).split(";") if film and not is_missing(film)]

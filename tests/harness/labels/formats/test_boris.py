@@ -321,10 +321,13 @@ def test_an_export_is_read_with_what_the_user_says(content: str, how: dict[str, 
     assert Boris().read(write_text(tmp_path / "a.tsv", content), exchange(**how)).labels.ranges == ROWS
 
 
-def test_exported_pictures_are_found_by_their_numbers(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kind", "every_s"), [("", None), ("From pictures", 0.0), ("From pictures", 2.0)])
+def test_exported_pictures_are_found_by_their_numbers(kind: str, every_s: float | None, tmp_path: Path) -> None:
+    """A time lapse, if the observation has one, and the dates of pictures are written as times."""
     rows: list[Row] = [
-        {"Observation id": "o", "Subject": "girl", "Behavior": what, "Behavior type": "STATE"}
-        | {"Start (s)": "NA", "Stop (s)": "NA", "Image index start": first, "Image index stop": stop}
+        {"Observation id": "o", "Observation type": kind, "Subject": "girl", "Behavior": what, "Behavior type": "STATE"}
+        | {f"{end} (s)": "NA" if every_s is None else n * every_s for end, n in (("Start", first), ("Stop", stop))}
+        | {"Image index start": first, "Image index stop": stop}
         for what, first, stop in (("bird", 1, 3), ("cup", 3, 5))
     ]
     path = write_text(tmp_path / "a.tsv", _table(AGGREGATED, *rows))
