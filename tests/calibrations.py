@@ -251,7 +251,11 @@ def write_toolbox(path: Path, rig: Rig) -> Path:
     """What Bouguet's toolbox saves, mm."""
     values: dict[str, Any] = {"R": rig.rotation, "T": 1000 * rig.translation_m[:, None], "nx": 1.0 * SIZE[0]}
     for side, k, d in zip(("left", "right"), rig.k, rig.d, strict=True):
-        values |= {f"fc_{side}": k[[0, 1], [0, 1]][:, None], f"cc_{side}": k[:2, 2:], f"alpha_c_{side}": 0.0}
+        values |= {
+            f"fc_{side}": k[[0, 1], [0, 1]][:, None],
+            f"cc_{side}": k[:2, 2:],
+            f"alpha_c_{side}": k[0, 1] / k[0, 0],
+        }
         values[f"kc_{side}"] = np.append(d, 0.0)[:, None]
     return write_mat(path, {**values, "ny": 1.0 * SIZE[1], "om": rig.rotation_vector[:, None]})
 

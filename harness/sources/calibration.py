@@ -35,6 +35,17 @@ def check_camera(size_px: tuple[int, int], focal_px: tuple[float, float], place_
         raise VfoaError(f"cx, cy: found {_listed(place_px)}; expected at most {PLACE_PX:g} pixels")
 
 
+_MOST_SKEW_PX = 0.5
+
+
+def check_skew(k: Float, where: str) -> None:
+    """Raise a :class:`VfoaError` if the axes of a camera matrix (3, 3) are oblique: OpenCV ignores that in silence."""
+    if abs(k[0, 1]) > _MOST_SKEW_PX:
+        raise VfoaError(
+            f"{where}: K: found a skew of {k[0, 1]:g} px; expected none: calibrate again without estimating it"
+        )
+
+
 def check_size(size_px: tuple[int, int], calibrated_px: tuple[int, int], what: str) -> None:
     """Raise a :class:`VfoaError` if images (``what``) have another (width, height) than the calibration is for."""
     if size_px != calibrated_px:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.sources.calibration import Calibration, ProjectionError, check_size, from_projections
+from harness.sources.calibration import Calibration, ProjectionError, check_size, check_skew, from_projections
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image, Map
 
@@ -208,6 +208,7 @@ def check_lens(camera: RawCamera, where: str) -> None:
         raise VfoaError(
             f"{where}: K: found {k.tolist()}; expected [fx 0 cx; 0 fy cy; 0 0 1] (transposed, as in MATLAB?)"
         )
+    check_skew(k, where)
     if d.ndim != 1 or d.size not in counts or not np.isfinite(d).all():
         raise VfoaError(f"{where}: D: found {d.size} coefficients; expected one of {counts}, finite")
 

@@ -37,7 +37,6 @@ _UNITS_M = {
     **dict.fromkeys(("meters", "m"), 1.0),
     **dict.fromkeys(("inches", "in"), 0.0254),
 }
-_MOST_SKEW_PX = 0.5
 
 
 def is_matlab(document: Document) -> bool:
@@ -73,11 +72,12 @@ def _toolbox_pair(values: Document, size: ImageSize, where: str, *, unit_m: floa
 
     def camera(side: str) -> RawCamera:
         focal, centre = (numbers(values[f"{name}_{side}"], f"{where}: {name}_{side}", 2) for name in ("fc", "cc"))
+        (skew,) = numbers(values.get(f"alpha_c_{side}", 0.0), f"{where}: alpha_c_{side}", 1)
         width, height = (values.get(name) for name in ("nx", "ny"))
         is_sized = width is not None and height is not None
         return RawCamera(
             size_px=(int(numbers(width, where, 1)[0]), int(numbers(height, where, 1)[0])) if is_sized else size(),
-            k=np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]]),
+            k=np.array([[focal[0], skew * focal[0], centre[0]], [0, focal[1], centre[1]], [0, 0, 1]]),
             d=numbers(values[f"kc_{side}"], f"{where}: kc_{side}", 5),
         )
 
@@ -112,8 +112,6 @@ def _camera(camera: Document, size: ImageSize, where: str) -> RawCamera:
         expect_names(camera, ("IntrinsicMatrix",), where, "MATLAB's IntrinsicMatrix or K")
         k = numbers(camera["IntrinsicMatrix"], f"{where}: IntrinsicMatrix", 9).reshape(3, 3).T
     k = k - np.outer([1, 1, 0], [0, 0, 1])
-    if abs(k[0, 1]) > _MOST_SKEW_PX:
-        raise VfoaError(f"{where}: found a skew of {k[0, 1]:g} px; expected none: calibrate without Skew in MATLAB")
     expect_names(camera, _LENS, where, "MATLAB's lens distortion")
     radial, tangential = (numbers(camera[name], f"{where}: {name}") for name in _LENS)
     if radial.size not in (2, 3) or tangential.size != 2:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness.files.io import read_bytes
-from harness.sources.calibration import Calibration, from_projections
+from harness.sources.calibration import Calibration, check_skew, from_projections
 from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, rectify_pose
 from vfoa.errors import VfoaError
 from vfoa.types import Float
@@ -157,6 +157,7 @@ def camera_matrix(values: ArrayLike, path: Path) -> Float:
     k = np.asarray(values, dtype=np.float64).reshape(3, 3)
     if not (np.isfinite(k).all() and k[0, 0] > 0 and k[1, 1] > 0 and np.array_equal(k[2], [0, 0, 1]) and k[1, 0] == 0):
         raise VfoaError(f"{path}: found {k.tolist()}; expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]")
+    check_skew(k, str(path))
     return k
 
 

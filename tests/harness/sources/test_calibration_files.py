@@ -480,7 +480,7 @@ def test_a_unit_that_is_said_replaces_that_of_matlab_s_file(tmp_path: Path, unit
         (None, {"CameraParameters2": None}, "no CameraParameters2"),
         (2, {"IntrinsicMatrix": None}, "camera 2: no IntrinsicMatrix"),
         (1, {"RadialDistortion": [0.1]}, "camera 1: .*found 1 and 2 numbers"),
-        (1, {"K": [700, 3, 630, 0, 700, 360, 0, 0, 1]}, "camera 1: .*skew of 3 px"),
+        (1, {"K": [700, 3, 630, 0, 700, 360, 0, 0, 1]}, "left: K: .*skew of 3 px"),
     ],
 )
 def test_what_is_wrong_in_matlab_s_file_is_named(
@@ -494,6 +494,25 @@ def test_what_is_wrong_in_matlab_s_file_is_named(
     with pytest.raises(VfoaError, match=message) as error:
         _raw([write_text(tmp_path / "c.json", json.dumps(struct))])
     assert str(error.value).startswith(str(tmp_path / "c.json"))
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("c.yml", lambda path, rig: calibrations.write_opencv(path, calibrations.opencv_nodes(rig))),
+        ("c.json", calibrations.write_matlab),
+        ("c.json", calibrations.write_matlab_for_opencv),
+        ("Calib_Results_stereo.mat", calibrations.write_toolbox),
+        ("K.txt", lambda path, rig: write_text(path, " ".join(map(str, rig.k[1].ravel())) + "\n0.12\n")),
+    ],
+)
+def test_oblique_axes_are_refused_because_opencv_ignores_them(
+    tmp_path: Path, name: str, write: Callable[[Path, calibrations.Rig], Path]
+) -> None:
+    skew = np.array([[0.0, 8, 0], [0, 0, 0], [0, 0, 0]])
+    path = write(tmp_path / name, replace(RIG, k=(RIG.k[0], RIG.k[1] + skew)))
+    with pytest.raises(VfoaError, match=rf"{name}.*skew of 8 px"):
+        read_cameras([path], _size)
 
 
 ICUB = """
