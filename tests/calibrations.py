@@ -126,6 +126,16 @@ def write_ros_text(path: Path, rig: Rig) -> Path:
     return write_text(path, "\n".join(lines) + "\n")
 
 
+def write_ros_ini(folder: Path, rig: Rig) -> list[Path]:
+    """The same, a file for each camera."""
+    _, *cameras = write_ros_text(folder / "both.txt", rig).read_text(encoding="utf-8").split("# oST")
+    (folder / "both.txt").unlink()
+    return [
+        write_text(folder / f"{side}.ini", f"# oST{text}")
+        for side, text in zip(("left", "right"), cameras, strict=True)
+    ]
+
+
 def write_ros_echo(folder: Path, rig: Rig, *, is_ros_2: bool) -> list[Path]:
     """The messages that ``rostopic echo -n1`` and ``ros2 topic echo --once`` print."""
     return [

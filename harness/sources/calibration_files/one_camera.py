@@ -67,6 +67,13 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
     return without_distortion(camera) if rectified else camera
 
 
+def realsense_cameras(document: Document) -> list[str]:
+    """The names of cameras in tables of their own, by a RealSense's names; ``intrinsics_left`` of a table in one."""
+    tables = [(str(name), value) for name, value in document.items() if isinstance(value, Mapping)]
+    tables += [(f"{name}_{inner}", below) for name, table in tables for inner, below in table.items()]
+    return [name for name, table in tables if isinstance(table, Mapping) and {"fx", "fy"} <= table.keys()]
+
+
 def _of_document(path: Path, document: Document, size_px: tuple[int, int]) -> RawCamera:
     if "projection_matrix" in document:
         return ros_camera(document, str(path))
@@ -77,7 +84,7 @@ def _of_document(path: Path, document: Document, size_px: tuple[int, int]) -> Ra
         document = {**document, "intrinsic_matrix": k}
     camera = opencv_camera(document, size_px, str(path))
     if camera is None:
-        cameras = [name for name, value in document.items() if isinstance(value, Mapping) and "fx" in value]
+        cameras = realsense_cameras(document)
         found = f"the cameras {', '.join(cameras)}" if cameras else listed([str(name) for name in document], 8)
         alone = "that of the images alone, with its values at the top: " if cameras else ""
         raise VfoaError(f"{path}: found {found}; expected {alone}{FORMATS}")

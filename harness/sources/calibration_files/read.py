@@ -28,11 +28,12 @@ from harness.sources.calibration_files import (
     vins,
 )
 from harness.sources.calibration_files.documents import SUFFIXES
+from harness.sources.calibration_files.one_camera import realsense_cameras
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.media.frame_files import pair_names
 from harness.sources.rectification import Cameras, ImageSize, RawCalibration, scaled_to
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, listed
 from vfoa.settings import Settings
 
 Unit = Literal["m", "cm", "mm"]
@@ -96,7 +97,12 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     if any(map(documents.document_suffix, paths)):
         program, cameras = _read_documents(paths, size, options)
     elif len(paths) > 1:
-        raise VfoaError(f"{paths[1]}: a second calibration file; expected one, or two in YAML, XML or JSON")
+        if not all(map(ros_text.is_ros_text, both := [read_text(path) for path in paths])):
+            raise VfoaError(
+                f"{paths[1]}: a second calibration file; expected one, or two in YAML, XML or JSON, or of ROS"
+            )
+        where = " and ".join(map(str, paths))
+        program, cameras = "ROS", ros_text.read_ros_text(where, "\n".join(both), options.baseline_m)
     else:
         program, cameras = _read_text(paths[0], size, options)
     where = " and ".join(map(str, paths))
@@ -125,7 +131,7 @@ def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Came
     if icub.is_icub(text):
         return icub.PROGRAM, icub.read_icub(path, text)
     if ros_text.is_ros_text(text):
-        return "ROS", ros_text.read_ros_text(path, text, options.baseline_m)
+        return "ROS", ros_text.read_ros_text(str(path), text, options.baseline_m)
     if texts.is_middlebury(text):
         return "Middlebury", texts.read_middlebury(path, text)
     if texts.is_matrix(text):
@@ -166,6 +172,12 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
                 "cx_px, cy_px, baseline_m in [source.camera]), which this file does not hold"
             )
         return "DepthAI", depthai.depthai_pair(merged, size, where)
+    if named := realsense_cameras(merged):
+        raise IncompleteCalibrationError(
+            f"{where}: found {listed(named, 4)} as a RealSense describes its cameras; expected four numbers, --fx --cx "
+            "--cy and --baseline in metres (the length of the translation between them): its infrared images are "
+            "rectified; of other images, K1 D1 K2 D2 R T"
+        )
     cameras = opencv.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
     return "OpenCV", cameras
 
@@ -211,7 +223,7 @@ _CALIBRATION_NAME = re.compile(
 )
 _CALIBRATION_CONTENT = re.compile(
     rb"\b(?:[KMP]1\b|camera[_ ]?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|"
-    rb"cameraData\b|Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_|body_T_cam0\b)",
+    rb"cameraData\b|CameraParameters1\b|Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_|body_T_cam0\b)",
     re.IGNORECASE,
 )
 
@@ -249,7 +261,7 @@ def _candidates(root: Path) -> Iterator[tuple[str, ...]]:
         if counts[path.parent, path.suffix] <= _MOST_ALIKE or _CALIBRATION_NAME.search(path.name)
     ]
     yield from ((name,) for name in names)
-    in_documents = [name for name in names if Path(name).suffix.lower() in SUFFIXES]
+    in_documents = [name for name in names if Path(name).suffix.lower() in (*SUFFIXES, ".ini")]
     yield from pair_names(in_documents, numbered=False)
     others = ((name, name.replace("intrinsic", "extrinsic")) for name in in_documents)
     yield from ((name, other) for name, other in others if other != name and (root / other).is_file())

@@ -1,5 +1,7 @@
 """The text in which ROS's camera_calibration prints and saves a stereo calibration (``ost.txt``).
 
+Files ``.ini`` hold one camera in the same form.
+
 Titles with numbers below them, for both cameras one after the other; lengths in metres::
 
     # oST version 5.0 parameters
@@ -36,7 +38,7 @@ _SIZES = ("width", "height")
 _SECTION = re.compile(r"\[([\w./-]+)\]")
 _IMAGE = "[image]"
 _SIDES = ("left", "right")
-_EXPECTED = "expected both cameras, [NAME/left] and [NAME/right], or the YAML files of both"
+_EXPECTED = "expected both cameras, [NAME/left] and [NAME/right], in one file or two, or the YAML files of both"
 
 
 def is_ros_text(text: str) -> bool:
@@ -45,8 +47,8 @@ def is_ros_text(text: str) -> bool:
     return lines >= {_IMAGE, _TITLES["K"]}
 
 
-def read_ros_text(path: Path, text: str, baseline_m: float | None) -> RawCalibration:
-    """Return the pair, with this baseline if it is not None.
+def read_ros_text(where: str, text: str, baseline_m: float | None) -> RawCalibration:
+    """Return the pair of a file's text, or of the texts of two, with this baseline if it is not None.
 
     Raises
     ------
@@ -58,9 +60,9 @@ def read_ros_text(path: Path, text: str, baseline_m: float | None) -> RawCalibra
     by_side = {name.rpartition("/")[2].lower(): (name, values) for name, values in cameras}
     if len(cameras) != 2 or by_side.keys() != set(_SIDES):
         there = ", ".join(f"[{name}]" for name, _ in cameras) or "no camera"
-        raise IncompleteCalibrationError(f"{path}: found {there}; {_EXPECTED}")
-    left, right = (_camera(by_side[side][1], f"{path}: [{by_side[side][0]}]") for side in _SIDES)
-    return pair_of_infos(left, right, str(path), baseline_m)
+        raise IncompleteCalibrationError(f"{where}: found {there}; {_EXPECTED}")
+    left, right = (_camera(by_side[side][1], f"{where}: [{by_side[side][0]}]") for side in _SIDES)
+    return pair_of_infos(left, right, where, baseline_m)
 
 
 def read_ros_camera(path: Path, text: str) -> RawCamera:

@@ -4,7 +4,7 @@ cam0_calib: "cam0_pinhole.yaml"           a file beside it; cam1_calib, body_T_c
 body_T_cam0: 4 x 4                        takes points of the camera to the body (the IMU), metres
 
 model_type: PINHOLE                       of each camera; image_width, image_height
-distortion_parameters: k1, k2, p1, p2
+distortion_parameters: k1, k2, p1, p2     of PINHOLE_FULL also k3, k4, k5, k6: OpenCV's rational model
 projection_parameters: fx, fy, cx, cy     of KANNALA_BRANDT, a fisheye lens: mu, mv, u0, v0, k2, k3, k4, k5
 """
 
@@ -18,13 +18,17 @@ import numpy as np
 from harness.sources.calibration_files.documents import Document, expect_names, numbers, pose_of, read_document
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.rectification import Model, RawCalibration, RawCamera, rectify_pose
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import VfoaError
 
 PROGRAM = "VINS-Fusion"
 _OF_CAMERA = "projection_parameters"
 _DISTORTION = "distortion_parameters"
 _MODELS: Mapping[str, tuple[Model, tuple[str, ...], str, tuple[str, ...]]] = {
     "PINHOLE": ("plumb_bob", ("fx", "fy", "cx", "cy"), _DISTORTION, ("k1", "k2", "p1", "p2")),
+    "PINHOLE_FULL": (
+        *("plumb_bob", ("fx", "fy", "cx", "cy"), _DISTORTION),
+        ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    ),
     "KANNALA_BRANDT": ("equidistant", ("mu", "mv", "u0", "v0"), _OF_CAMERA, ("k2", "k3", "k4", "k5")),
 }
 _LENS_FILE = "a camera of camodocal"
@@ -77,7 +81,11 @@ def _camera(configuration: Path, number: int, name: str) -> RawCamera:
         document, ("model_type", _OF_CAMERA, "image_width", "image_height"), str(path), "a camera of camodocal"
     )
     kind = str(document["model_type"])
-    check_known(kind, [*_MODELS], f"{path}: model_type: no")
+    if kind not in _MODELS:
+        raise VfoaError(
+            f"{path}: model_type: found {kind!r}, a lens that OpenCV does not rectify; expected one of: "
+            f"{', '.join(_MODELS)}: calibrate the cameras again as one of these"
+        )
     model, of_matrix, table, of_lens = _MODELS[kind]
     fx, fy, cx, cy = _named(document, _OF_CAMERA, of_matrix, path)
     width, height = (

@@ -85,6 +85,7 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "ros 1, echo": lambda root: calibrations.write_ros_echo(root, RIG, is_ros_2=False),
     "ros 2, echo": lambda root: calibrations.write_ros_echo(root, RIG, is_ros_2=True),
     "ros, ost.txt": lambda root: [calibrations.write_ros_text(root / "ost.txt", RIG)],
+    "ros, two .ini": lambda root: calibrations.write_ros_ini(root, RIG),
     "kalibr": lambda root: [calibrations.write_kalibr(root / "camchain.yaml", RIG)],
     "zed": lambda root: [calibrations.write_zed(root / "SN1.conf", RIG)],
     "depthai": lambda root: [calibrations.write_depthai(root / "oak.json", RIG)],
@@ -412,7 +413,7 @@ def test_an_oak_whose_extrinsics_were_never_set_is_refused(tmp_path: Path) -> No
         ("vins.yaml", "extrinsic: 0", "extrinsic: 2", r"vins\.yaml: estimate_extrinsic: found 2"),
         ("vins.yaml", "body_T_cam1", "body_T_cam2", r"vins\.yaml: no body_T_cam1; expected"),
         ("vins.yaml", "lens1", "none", r"vins\.yaml: cam1_calib: no file .*none\.yaml"),
-        ("lens1.yaml", "PINHOLE", "MEI", r"lens1\.yaml: model_type: no 'MEI'.*PINHOLE"),
+        ("lens1.yaml", "PINHOLE", "MEI", r"lens1\.yaml: model_type: found 'MEI'.*PINHOLE"),
         ("lens1.yaml", "   fx:", "   f:", r"lens1\.yaml: projection_parameters: no fx"),
         ("lens0.yaml", "   p2:", "   p3:", r"lens0\.yaml: distortion_parameters: no p2"),
     ],
@@ -429,6 +430,26 @@ def test_what_is_wrong_in_vins_fusion_s_files_is_named(
     found, faults = find_calibrations(tmp_path, _size)
     assert found == []
     assert any(re.search(message, fault) for fault in faults)
+
+
+def test_the_rational_model_of_camodocal_is_opencv_s(tmp_path: Path) -> None:
+    path = calibrations.write_vins(tmp_path / "vins.yaml", RIG)
+    expected = np.array([-0.17, 0.03, 0.0004, -0.0003, 0.01, 0.02, -0.03, 0.04])
+    for file in tmp_path.glob("lens*.yaml"):
+        text = file.read_text(encoding="utf-8").replace("PINHOLE", "PINHOLE_FULL")
+        lens = "".join(f"   k{n}: {expected[n + 1]}\n" for n in range(3, 7))
+        write_text(file, text.replace("distortion_parameters:\n", f"distortion_parameters:\n{lens}"))
+    assert np.array_equal(_raw([path]).left.d, expected)
+
+
+def test_a_realsense_s_two_cameras_say_what_to_give(tmp_path: Path) -> None:
+    lens = {"width": 1280, "height": 720, "fx": 640.0, "fy": 640.0, "ppx": 640.0, "ppy": 360.0}
+    cameras = {"left": lens, "right": lens}
+    for name, content in (("a.json", cameras), ("b.json", {"intrinsics": cameras, "baseline": 0.05})):
+        path = write_text(tmp_path / name, json.dumps(content))
+        with pytest.raises(VfoaError, match=rf"{name}: found .*left.*--baseline"):
+            read_cameras([path], _size)
+    assert len(find_calibrations(tmp_path, _size)[1]) == 2
 
 
 def test_cameras_of_camodocal_need_the_configuration_that_names_them(tmp_path: Path) -> None:
