@@ -198,6 +198,12 @@ class Timeline:
         return self.times_ns[low], end_ns
 
     @property
+    def rounding_ns(self) -> int:
+        """By how much a time that stands for a frame's may be off: half a millisecond, or half of the shortest step."""
+        steps = np.diff(np.array(self.times_ns, dtype=np.int64))
+        return min(_NS // 2000, int(np.min(steps, where=steps > 0, initial=_NS)) // 2)
+
+    @property
     def step_ns(self) -> int:
         """The median time between two frames, ns; one second if there is only one frame."""
         return max(1, round(float(np.median(np.diff(self.times_ns))))) if len(self.times_ns) > 1 else _NS

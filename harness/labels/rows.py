@@ -43,6 +43,7 @@ class RowReader:
         self._with_points, self._with_states = POINT_COLUMNS[0] in columns, STATE_COLUMN in columns
         self._tag_place = columns.index(TAG_COLUMN) if TAG_COLUMN in columns else None
         self._timeline = timeline
+        self._rounding_ns = timeline.rounding_ns if timeline and self.in_time else 0
         self._subjects, self._targets = subjects, {*targets, *subjects, *RESERVED}
 
     def read(self, cells: list[str], where: str) -> LabelRange | None:
@@ -97,7 +98,7 @@ class RowReader:
             raise VfoaError(f"{where}: start_s {cells[0]} does not come before end_s {cells[1]}")
         timeline = self._timeline
         assert timeline is not None
-        frames = timeline.between(start_ns, end_ns)
+        frames = timeline.between(start_ns - self._rounding_ns, end_ns - self._rounding_ns)
         if frames is None and timeline.is_whole:
             clip = " to ".join(format_seconds(timeline.times_ns[end]) for end in (0, -1))
             raise VfoaError(f"{where}: no frame lies in {cells[0]} to {cells[1]} s; the clip's times: {clip} s")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -194,6 +195,26 @@ def test_decimal_commas_are_numbers_and_none_in_a_note(tmp_path: Path, separator
     (found,) = _read(write_text(tmp_path / "a.csv", f"# vfoa annotations 1\n{text}\n")).ranges
     assert found.span_ns == (250_000_000, 1_000_000_000)
     assert found.label == Label(target="cup", note="1,5", point_px=(12.5, 40.0))
+
+
+@pytest.mark.parametrize(
+    ("start_ns", "rate_hz", "written"),
+    [
+        (0, 30.0, "{:.3f}"),
+        (0, 30_000 / 1001, "{:.3f}"),
+        (1_700_000_000_033_366_789, 29.97, "{!r}"),  # a float has 7 decimals of seconds since 1970
+        (1_700_000_000_033_366_789, 29.97, "{:.15g}"),  # a spreadsheet program has 5
+        (0, 3000.0, "{:.6f}"),
+    ],
+)
+def test_rounded_times_are_those_of_the_frames(start_ns: int, rate_hz: float, written: str, tmp_path: Path) -> None:
+    times_ns = [start_ns + round(place * 1e9 / rate_hz) for place in range(30)]
+    ends = [written.format(time_ns / 1e9) for time_ns in times_ns]
+    rows = "".join(f"{start},{end},girl,{TARGETS[n % 2]},\n" for n, (start, end) in enumerate(pairwise(ends)))
+    path = write_text(tmp_path / "a.csv", TIME_HEAD + rows)
+    timeline = Timeline(frames=range(30), times_ns=times_ns)
+    labels = read_annotations(path, timeline=timeline, subjects=SUBJECTS, targets=TARGETS)
+    assert [(each.first_frame, each.last_frame) for each in labels.ranges] == [(n, n) for n in range(29)]
 
 
 @pytest.mark.parametrize(
