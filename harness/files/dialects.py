@@ -1,9 +1,10 @@
 """Tables as spreadsheets, pandas, NumPy and R write them, as the rows of a plain CSV.
 
 Read: UTF-8, or UTF-16 with or without a byte-order mark; cells separated by commas, semicolons, tabs, bars or blanks;
-Excel's first line ``sep=;``; NumPy's ``#`` before the header; decimal commas where another sign separates cells; a
-nameless first column of row numbers (pandas' index, R's row names); blank cells at the ends of rows; rows without any
-content. A cell of :data:`MISSING` is an unknown value where a number is expected.
+Excel's first line ``sep=;``; NumPy's ``#`` before the header, and comments above it, which begin with ``#``; decimal
+commas where another sign separates cells; a nameless first column of row numbers (pandas' index, R's row names); blank
+cells at the ends of rows; rows without any content. A cell of
+:data:`MISSING` is an unknown value where a number is expected.
 """
 
 from __future__ import annotations
@@ -77,7 +78,8 @@ def table_rows(path: Path) -> list[Row]:
     if stated := _SEPARATOR_LINE.match(text):
         text, above, separator = text[stated.end() :], 1, stated[1]
     else:
-        above, separator = 0, separator_of(text, _SEPARATORS, " ")
+        text, above = _without_comments(text)
+        separator = separator_of(text, _SEPARATORS, " ")
     lines = csv_lines(text, path, above, separator, skips_blanks=separator != " ")
     rows = [(line, stripped) for line, cells in lines if any(stripped := [cell.strip() for cell in cells])]
     if rows:
@@ -86,6 +88,25 @@ def table_rows(path: Path) -> list[Row]:
         if separator != ",":
             _read_decimal_commas(path, below)
     return rows
+
+
+def _without_comments(text: str) -> tuple[str, int]:
+    """The text from its header on, and the number of lines above it, which begin with ``#``.
+
+    The last of these is itself the header if it has as many cells as the line below it: NumPy writes it so.
+    """
+    if not text.lstrip("\r\n").startswith("#"):
+        return text, 0
+    lines = text.splitlines(keepends=True)
+    n_above = next((place for place, line in enumerate(lines) if line.strip("\r\n") and line[0] != "#"), 0)
+    if n_above == 0:
+        return text, 0
+    separator = separator_of(lines[n_above], _SEPARATORS, " ")
+    last, below = (
+        line.strip("# \r\n").split(None if separator == " " else separator) for line in lines[n_above - 1 : n_above + 1]
+    )
+    n_above -= len(last) == len(below)
+    return "".join(lines[n_above:]), n_above
 
 
 def check_width(cells: Sequence[str], header: Sequence[str], where: str, hint: str = "") -> None:

@@ -36,6 +36,9 @@ from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_o
 from harness.labels.rows import check_ends, check_sequence, check_text
 from vfoa.errors import VfoaError, check_known, listed
 
+_SMI_START = "event_start_trial_time_ms"
+"""The time of an event since its trial began, in what BeGaze exports of eye trackers of SMI."""
+
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "subject": ("subject", "person", "who", "participant", "participant_name"),
     "target": ("target", "object", "what", "looks_at", "label", "aoi", "aoi_name", "gaze_target", "vfoa", "trial_type"),
@@ -49,8 +52,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     ),
     "end_s": ("end_s", "end", "end_time", "stop", "stop_time", "end_time_s", "end_sec", "offset", "offset_s"),
     "duration_s": ("duration_s", "duration", "duration_sec"),
-    "start_ms": ("start_ms", "start_time_ms", "begin_ms", "onset_ms"),
-    "end_ms": ("end_ms", "end_time_ms", "stop_ms", "offset_ms"),
+    "start_ms": ("start_ms", "start_time_ms", "begin_ms", "onset_ms", _SMI_START),
+    "end_ms": ("end_ms", "end_time_ms", "stop_ms", "offset_ms", "event_end_trial_time_ms"),
     "duration_ms": ("duration_ms",),
     "start_ns": ("start_ns", "start_timestamp_ns", "start_time_ns"),
     "end_ns": ("end_ns", "end_timestamp_ns", "end_time_ns"),
@@ -99,7 +102,7 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
             f"{', '.join(exchange.subjects) or 'none'}"
         )
     given = [_row(cells, columns, f"{path}:{line}") for line, cells in lines]
-    known = [row for row in given if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
+    known = [row for row in given if row[1]["target"] == NOWHERE or not _is_blank(row[1]["target"])]
     if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in _UNITS:
         _check_unit(known, place, exchange, path)
     if place[0] in ("start_ms", "time_ms"):
@@ -124,7 +127,17 @@ def even_rows(path: Path) -> Sequence[Row]:
     return rows
 
 
+_NO_AREA = "-"
+"""What BeGaze writes as the area of a saccade or blink."""
+
+
+def _is_blank(target: str) -> bool:
+    return is_missing(target) or target == _NO_AREA
+
+
 _RECORDING = ("recording_name", "recording_id")
+_SMI_RECORDING = "stimulus"
+"""The film or picture of a row, in a table with :data:`_SMI_START`."""
 
 
 def _of_recording(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[Row]:
@@ -137,7 +150,8 @@ def _of_recording(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequen
     """
     (line, header), *lines = rows
     plain = [plain_name(name) for name in header]
-    place = next((plain.index(name) for name in _RECORDING if name in plain), None)
+    names = (*_RECORDING, _SMI_RECORDING) if _SMI_START in plain else _RECORDING
+    place = next((plain.index(name) for name in names if name in plain), None)
     named = [] if place is None else [(cells[place], cells) for _, cells in lines if not is_missing(cells[place])]
     recordings = dict.fromkeys(name for name, _ in named)
     if exchange.observation is not None:

@@ -40,6 +40,8 @@ def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> tu
         "who,what,start_sec,end_sec\ngirl,bird,.0,.2\ngirl,none,.2,.5\nboy,girl,.1,.2\n",
         "who,what,start_ms,end_ms\ngirl,bird,0,200\ngirl,none,200,500\nboy,girl,100,200\n",
         "onset\tduration\ttrial_type\twho\n0\t0.2\tbird\tgirl\n0.2\t0.3\tnone\tgirl\n0.1\t0.1\tgirl\tboy\n",
+        "# by anna\n# talk.mp4\nwho,what,start_ms,end_ms\ngirl,bird,0,200\ngirl,none,200,500\nboy,girl,100,200\n",
+        "#who,what,start_ms,end_ms\ngirl,bird,0,200\ngirl,none,200,500\nboy,girl,100,200\n",
         "who,what,start_ms,duration_ms\ngirl,bird,0,200\ngirl,none,200,300\nboy,girl,100,100\n",
         "who,what,start,end,duration\ngirl,bird,0,0.2,9\ngirl,none,0.2,0.5,9\nboy,girl,0.1,0.2,9\n",
         "who;what;start;end\ngirl;bird;0:00:00,0;0:00,2\ngirl;none;00:00:00,2;0:00,5\nboy;girl;0:00,1;0:00,2\n",
@@ -58,6 +60,26 @@ def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> tu
 )  # fmt: skip
 def test_every_way_to_say_where_a_row_holds_gives_the_same_labels(tmp_path: Path, text: str) -> None:
     assert _read(tmp_path, text) == (EXPECTED, ())
+
+
+SMI = (
+    "Stimulus\tParticipant\tEvent Start Trial Time [ms]\tEvent End Trial Time [ms]\tCategory\tAOI Name\n"
+    "a.avi\tgirl\t0.0\t99.8\tFixation\tbird\na.avi\tgirl\t99.8\t200.1\tSaccade\t-\n"
+    "a.avi\tgirl\t200.1\t500.0\tFixation\tWhite Space\n"
+)
+
+
+def test_fixations_of_smi_s_begaze_are_read(tmp_path: Path) -> None:
+    labels, notes = _read(tmp_path, SMI, renamed={"White Space": "none"})
+    assert [(row.first_frame, row.last_frame, row.label.target) for row in labels.ranges] == [
+        (1, 1, "bird"), (2, 2, "ignore"), (3, 5, "none")
+    ]  # fmt: skip
+    assert any("1 rows without a target" in note for note in notes)
+    two = SMI + "b.avi\tgirl\t0.0\t99.8\tFixation\tbird\n"
+    with pytest.raises(VfoaError, match=r"'a\.avi', 'b\.avi', several of one person"):
+        _read(tmp_path, two, renamed={"White Space": "none"})
+    chosen, _ = _read(tmp_path, two, renamed={"White Space": "none"}, observation="a.avi")
+    assert chosen == labels
 
 
 def test_with_a_rate_frames_are_those_of_another_program_from_0(tmp_path: Path) -> None:
