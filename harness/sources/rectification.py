@@ -265,10 +265,10 @@ def check_motion(matrix: Float, where: str) -> Float:
 
 
 def rectify_pose(left: RawCamera, right: RawCamera, rotation: Float, translation: Float, where: str) -> RawCalibration:
-    """Return the pair with Bouguet's rectification, cropped to common pixels (OpenCV's alpha or balance 0).
+    """Return the pair with Bouguet's rectification, cropped to common pixels (OpenCV's alpha 0).
 
     x_right = rotation x_left + translation, in any unit; the fourth column of P2 has the same unit. The cameras' own R
-    and P do not count.
+    and P do not count. The view of fisheye lenses is about the axis of the rectified cameras.
 
     Raises
     ------
@@ -282,14 +282,15 @@ def rectify_pose(left: RawCamera, right: RawCamera, rotation: Float, translation
         raise VfoaError(f"{where}: left is {left.model}, right {right.model}; expected one distortion model")
     if translation.shape != (3,) or not np.isfinite(translation).all() or not translation.any():
         raise VfoaError(f"{where}: T: found {translation.tolist()}; expected three finite numbers that are not all 0")
+    along = cv2.Rodrigues(-0.5 * cv2.Rodrigues(rotation)[0])[0] @ translation  # in axes between those of both
+    if abs(along[1]) > abs(along[0]):
+        raise VfoaError(
+            f"{where}: T: {translation.tolist()}: the cameras stand above each other; expected side by side"
+        )
     try:
         r1, r2, p1, p2 = _rectification(left, right, rotation, translation)
     except cv2.error as error:
         raise VfoaError(f"{where}: OpenCV finds no rectification for these cameras: {str(error).strip()}") from None
-    if abs(p2[1, 3]) > abs(p2[0, 3]):
-        raise VfoaError(
-            f"{where}: T: {translation.tolist()}: the cameras stand above each other; expected side by side"
-        )
     return RawCalibration(left=replace(left, r=r1, p=p1), right=replace(right, r=r2, p=p2), where=where)
 
 
@@ -301,13 +302,32 @@ def _rectification(
     size_px = left.size_px
     lenses = left.k, _coefficients(left), right.k, _coefficients(right), size_px
     flag = cv2.CALIB_ZERO_DISPARITY
-    matrices = (
-        cv2.fisheye.stereoRectify(*lenses, *pose, flag, newImageSize=size_px, balance=0)[:4]
-        if left.model == "equidistant"
-        else cv2.stereoRectify(*lenses, *pose, flags=flag, alpha=0)[:4]
-    )
+    if left.model == "equidistant":
+        r1, r2 = map(np.asarray, cv2.fisheye.stereoRectify(*lenses, *pose, flag, newImageSize=size_px)[:2])
+        p1 = _fisheye_projection(replace(left, r=r1), replace(right, r=r2))
+        p2 = p1.copy()
+        p2[0, 3] = p1[0, 0] * (r2 @ translation)[0]
+        return r1, r2, p1, p2
+    matrices = cv2.stereoRectify(*lenses, *pose, flags=flag, alpha=0)[:4]
     r1, r2, p1, p2 = (np.asarray(matrix, dtype=np.float64) for matrix in matrices)
     return r1, r2, p1, p2
+
+
+def _fisheye_projection(*cameras: RawCamera) -> Float:
+    """The projection (3, 4) of rectified images that reach no farther than the middles of the edges of both cameras.
+
+    The principal point is in the middle of the image. OpenCV's is off by the mean of the tangents of these edges: with
+    lenses that see 80 degrees aside, a turn by one degree moves it by half an image.
+    """
+    size = np.array(cameras[0].size_px, dtype=np.float64)
+    middle, sides = (size - 1) / 2, np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])
+    focal_px = 0.0
+    for camera in cameras:
+        edges = np.column_stack([rays(middle + sides * size / 2, camera), np.ones(len(sides))]) @ camera.r.T
+        ahead = edges[:, 2] > 0
+        tangents = np.abs((edges[:, :2] * sides).sum(axis=1))[ahead] / edges[ahead, 2]
+        focal_px = max(focal_px, *(np.abs(sides) @ size / 2)[ahead] / tangents)
+    return np.array([[focal_px, 0, middle[0], 0], [0, focal_px, middle[1], 0], [0, 0, 1, 0]])
 
 
 def unset_matrices(left: RawCamera, right: RawCamera) -> str:

@@ -189,6 +189,28 @@ def test_a_rectified_pair_shows_only_what_both_cameras_saw(rig: Rig) -> None:
         assert (view[2:-2, 2:-2] == 255).mean() > 0.995
 
 
+@pytest.mark.parametrize("turned_deg", [(0, 0, 0), (0.3, 0.2, -0.1), (1, 2, 1), (4, 8, -5)])
+@pytest.mark.parametrize("translation_m", [(-0.064, 0, 0), (-0.2, 0.02, 0.03)])
+def test_the_view_of_wide_fisheye_lenses_is_about_the_axis(
+    turned_deg: tuple[float, ...], translation_m: tuple[float, ...]
+) -> None:
+    """Lenses of 80 degrees and more to each side, as of a RealSense T265, where OpenCV's view is beside the images."""
+    k = tuple(calibrations.matrix(fx, fx, *middle) for fx, middle in ((428, (631, 365.0)), (427, (645, 355.0))))
+    d = tuple(np.array([k1, 0.0387, -0.0365, 0.0059]) for k1 in (-0.0049, -0.0035))
+    turn = np.radians(turned_deg)
+    rig = Rig(k=k, d=d, rotation_vector=turn, translation_m=np.array(translation_m), model="equidistant")  # type: ignore[arg-type]
+    lenses = (RawCamera(size_px=SIZE, k=k, d=d, model="equidistant") for k, d in zip(rig.k, rig.d, strict=True))
+    cameras = rectify_pose(*lenses, rig.rotation, rig.translation_m, "rig")
+    found = cameras.rectified()
+    assert (found.cx_px, found.cy_px, found.cx_right_px) == ((SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2)
+    assert found.baseline_m == pytest.approx(np.linalg.norm(translation_m))
+    assert 0.5 * 428 < found.fx_px < 428
+    _assert_rows_match_and_depths_come_back(cameras, rig, _points(0) @ cameras.left.r)
+    white = np.full((SIZE[1], SIZE[0], 3), 255, np.uint8)
+    for view in Rectifier(cameras).rectify(white, white):
+        assert (view[2:-2, 2:-2] == 255).mean() > 0.9  # corners lie beyond the middles of the edges
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -213,6 +235,14 @@ def test_cameras_that_are_no_pair_side_by_side_are_refused(changes: dict[str, An
     given = {"left": left, "right": right, "rotation": np.eye(3), "translation": RIG.translation_m, **changes}
     with pytest.raises(VfoaError, match=message):
         rectify_pose(**given, where="rig")
+
+
+@pytest.mark.parametrize("along_m", [-0.01, 0.01])
+def test_fisheye_lenses_above_each_other_are_refused(along_m: float) -> None:
+    """OpenCV would turn their images by a quarter."""
+    left, right = (RawCamera(size_px=SIZE, k=k, d=d, model="equidistant") for k, d in zip(RIG.k, RIG.d, strict=True))
+    with pytest.raises(VfoaError, match=r"T: .* above each other"):
+        rectify_pose(left, right, np.eye(3), np.array([along_m, -0.1, 0]), "rig")
 
 
 def test_fisheye_lenses_of_every_program(tmp_path: Path) -> None:
