@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -51,6 +52,16 @@ _ROLES = {name: role for role, names in _OF_THE_PAIR.items() for name in names} 
 """The role of each lower-case name without underscores: ``cameramatrixleft`` is K1. Names of camera 2 are MATLAB's."""
 
 
+_NUMBERED = re.compile(rf"({'|'.join(name for names in _OF_A_CAMERA.values() for name in names)})([012])")
+"""The plain name of a matrix with the number of its camera."""
+_SIZES = {
+    "width": ("width", "imagewidth", "imagesizewidth", "imgwidth", "framewidth", "resolutionwidth"),
+    "height": ("height", "imageheight", "imagesizeheight", "imgheight", "frameheight", "resolutionheight"),
+    "both": ("imagesize", "imgsize", "size", "imageshape", "imgshape", "framesize", "resolution", "imageresolution"),
+}
+"""Plain names of the size of the images."""
+
+
 def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
     """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
 
@@ -62,6 +73,7 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
     VfoaError
         If a matrix is missing, occurs under two names, or has a wrong shape.
     """
+    document = _numbered_from_1(dict(_one_level(document)), where)
     read = _opencv_matrices(document, where)
     unset = [name for name in _RECTIFICATION if name in read and not read[name].any()]
     matrices = {name: matrix for name, matrix in read.items() if name not in unset}
@@ -101,7 +113,7 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
         rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)
         return rectify_pose(first, second, rotation, translation, where)
     there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
-    if others := [name for name, _ in _one_level(document) if _role(name) is None]:
+    if others := [name for name in document if _role(name) is None]:
         there += f" (and, not known, {listed(others, 8)})"
     if unset:
         there += f", and zeros as {', '.join(unset)}"
@@ -131,7 +143,7 @@ def opencv_camera(document: Document, size_px: tuple[int, int], where: str) -> R
         return None
     values = {role: numbers(document[name], f"{where}: {name}") for role, names in read.items() for name in names}
     k = _of_shape(values, "K", where)
-    size = _opencv_size(document, {"K1": k}, where) or size_px
+    size = _opencv_size(dict(_one_level(document)), {"K1": k}, where) or size_px
     model: Model = "equidistant" if _says_fisheye(document) else "plumb_bob"
     return RawCamera(size_px=size, k=k, d=values.get("D", np.zeros(0)), model=model)
 
@@ -142,7 +154,6 @@ def is_distortion(name: object) -> bool:
 
 
 def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
-    document = dict(_one_level(document))
     names: dict[str, str] = {}
     for name in document:
         role = _role(name)
@@ -176,6 +187,19 @@ def _one_level(document: Document) -> Iterator[tuple[str, Any]]:
             yield str(name), value
 
 
+def _numbered_from_1(values: Document, where: str) -> Document:
+    """The values by name, those of cameras 0 and 1 by the names of 1 and 2."""
+    numbered = {name: match for name in values if (match := _NUMBERED.fullmatch(_plain(name)))}
+    if "0" not in (present := {match[2] for match in numbered.values()}):
+        return values
+    if "2" in present:
+        raise VfoaError(f"{where}: found {listed([*numbered], 8)} of three cameras; expected those of the pair alone")
+    return {
+        f"{match[1]}{int(match[2]) + 1}" if (match := numbered.get(name)) else name: value
+        for name, value in values.items()
+    }
+
+
 def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:
     """A matrix (rows, columns), which a file may also hold as a list."""
     matrix, shape = matrices[name], _SHAPES[name[0]]
@@ -190,12 +214,15 @@ def _by_plain_name(document: Document) -> dict[str, Any]:
 
 def _opencv_size(document: Document, matrices: Mapping[str, Float], where: str) -> tuple[int, int] | None:
     plain = _by_plain_name(document)
-    pairs = [("imagewidth", "imageheight"), ("width", "height")]
-    named = next((([plain[w], plain[h]]) for w, h in pairs if w in plain and h in plain), None)
-    values = named or next((plain[name] for name in ("imagesize", "imgsize", "size") if name in plain), None)
+    found = {role: [plain[name] for name in names if name in plain] for role, names in _SIZES.items()}
+    named = [found["width"][0], found["height"][0]] if found["width"] and found["height"] else None
+    values = named or next(iter(found["both"]), None)
     if values is None:
         return None
-    width, height = numbers(values, f"{where}: image size", 2)
+    values = re.findall(r"[0-9]+", values) if isinstance(values, str) else values  # 640x480
+    if (given := numbers(values, f"{where}: image size")).size not in (2, 3):  # NumPy's shape has the channels, too
+        raise VfoaError(f"{where}: image size: found {given.tolist()}; expected width and height")
+    width, height = given[:2].tolist()
     if named is None and _is_shape(width, height, matrices):
         width, height = height, width
     return (int(width), int(height)) if width > 0 and height > 0 else None

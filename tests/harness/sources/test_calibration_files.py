@@ -624,6 +624,31 @@ def test_what_an_icub_s_calibration_lacks_is_named(tmp_path: Path, before: str, 
     assert find_calibrations(tmp_path, _size) == ([], [str(error.value)])
 
 
+@pytest.mark.parametrize(
+    "size",
+    [
+        {"image_size": {"width": 1280, "height": 720}},
+        {"imageSizeWidth": 1280, "imageSizeHeight": 720},
+        {"resolution": "1280x720"},
+        {"image_shape": [720, 1280, 3]},
+    ],
+)
+def test_the_size_that_a_file_says_is_that_of_its_calibration(tmp_path: Path, size: dict[str, Any]) -> None:
+    """Images of half the size must not be rectified by the matrices as they are."""
+    lists = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+    path = write_text(tmp_path / "c.json", json.dumps(lists | size))
+    assert _raw([path]).left.size_px == SIZE
+
+
+def test_cameras_0_and_1_are_a_pair(tmp_path: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    from_0 = {f"{name[0]}{int(name[1]) - 1}" if name[1:] else name: value for name, value in nodes.items()}
+    found, expected = (_raw([write_opencv(tmp_path / "c.yml", each)]) for each in (from_0, nodes))
+    assert (found.left, found.right) == (expected.left, expected.right)
+    with pytest.raises(VfoaError, match="three cameras"):
+        _raw([write_opencv(tmp_path / "c.yml", from_0 | nodes)])
+
+
 def test_a_camera_matrix_of_rows_times_matrices_is_refused(tmp_path: Path) -> None:
     nodes = opencv_nodes(RIG)
     path = write_opencv(tmp_path / "c.yml", nodes | {"K1": nodes["K1"].T, "K2": nodes["K2"].T})
