@@ -125,6 +125,11 @@ def from_projections(
                 "expected the same in a rectified pair"
             )
     baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
+    if baseline == 0 and (height := (left[1, 3] - right[1, 3]) / left[1, 1]):
+        raise ProjectionError(
+            f"{where}: the cameras stand above each other, {abs(height):g} m apart; expected side by side: turn the "
+            "images of both by 90 degrees, and calibrate them again"
+        )
     if not baseline > 0:
         raise ProjectionError(
             f"{where}: the baseline is {baseline:g} m (calibrations of left and right exchanged?); expected a positive "

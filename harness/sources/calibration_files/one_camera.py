@@ -13,7 +13,7 @@ import numpy as np
 from harness.files.io import read_text
 from harness.sources.calibration import check_size
 from harness.sources.calibration_files.documents import Document, document_suffix, numbers, read_document, ros_camera
-from harness.sources.calibration_files.opencv import is_distortion, opencv_camera
+from harness.sources.calibration_files.opencv import image_size, is_distortion, opencv_camera, says_fisheye
 from harness.sources.calibration_files.ros_text import is_ros_text, read_ros_camera
 from harness.sources.calibration_files.texts import camera_matrix, floats
 from harness.sources.depth_optics import pinhole, without_distortion
@@ -26,7 +26,7 @@ FORMATS = (
 )
 
 _PLACES = (("fx",), ("fy",), ("cx", "ppx"), ("cy", "ppy"))
-_COEFFICIENTS, _MODEL = ("coeffs", "distortion"), ("model", "distortion_model")
+_COEFFICIENTS, _MODEL = "coeffs", ("model", "distortion_model")
 _OF_LENS = re.compile(r"[kp]_?[1-6]|dist|.*(?:distort|coef).*", re.IGNORECASE)
 """A name of the distortion of a lens."""
 
@@ -38,7 +38,8 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
     - OpenCV's calibrateCamera: ``camera_matrix``, ``dist_coeffs`` and names like these, in YAML, XML, JSON, ``.npz``
     - Open3D: ``intrinsic_matrix``, nine numbers by columns, in JSON
     - a RealSense's intrinsics by their names in librealsense: ``fx``, ``fy``, ``ppx``, ``ppy`` (or ``cx``, ``cy``),
-      ``model``, ``coeffs``, ``width``, ``height``, in JSON or YAML; the last four may be missing
+      ``model``, ``coeffs``, ``width``, ``height``, in JSON or YAML; OpenCV's names of the last four are read,
+      too, and they may be missing
     - text: K, nine numbers by rows
 
     Parameters
@@ -97,7 +98,7 @@ def _check_lens_is_read(path: Path, document: Document, read: Iterable[str]) -> 
     """Raise a :class:`VfoaError` for the distortion of a lens under another name than those that are ``read``."""
     for name in document.keys() - {*read, *_MODEL}:
         if _OF_LENS.fullmatch(name) and numbers(document[name], f"{path}: {name}").any():
-            raise VfoaError(f"{path}: {name}: expected the distortion of the lens as {' or '.join(_COEFFICIENTS)}")
+            raise VfoaError(f"{path}: {name}: expected the distortion of the lens as coeffs or dist_coeffs")
 
 
 def _named_camera(path: Path, document: Document, size_px: tuple[int, int]) -> RawCamera:
@@ -110,19 +111,21 @@ def _named_camera(path: Path, document: Document, size_px: tuple[int, int]) -> R
             raise VfoaError(f"{path}: found {what}; expected one of them: fx, fy, ppx, ppy")
         return (found[0], document[found[0]]) if found else (names[0], default)
 
-    def number(names: tuple[str, ...], default: int | None = None) -> float:
-        name, value = known(names, default)
+    def number(names: tuple[str, ...]) -> float:
+        name, value = known(names)
         return float(numbers(value, f"{path}: {name}", 1)[0])
 
     fx, fy, cx, cy = (number(names) for names in _PLACES)
-    width, height = (int(number((name,), size)) for name, size in zip(("width", "height"), size_px, strict=True))
-    camera = pinhole(camera_matrix([fx, 0, cx, 0, fy, cy, 0, 0, 1], path), (width, height))
-    name, values = known(_COEFFICIENTS, [0.0] * 5)
-    d = numbers(values, f"{path}: {name}")
-    _check_lens_is_read(path, document, _COEFFICIENTS)
+    k = camera_matrix([fx, 0, cx, 0, fy, cy, 0, 0, 1], path)
+    camera = pinhole(k, image_size(document, k, str(path)) or size_px)
+    of_lens = [name for name in document if name == _COEFFICIENTS or is_distortion(name)]
+    if len(of_lens) > 1:
+        raise VfoaError(f"{path}: found {' and '.join(of_lens)}; expected one of them")
+    d = numbers(document[of_lens[0]], f"{path}: {of_lens[0]}") if of_lens else np.zeros(0)
+    _check_lens_is_read(path, document, of_lens)
     if not d.any():
         return camera
-    name, given = known(_MODEL, "")
+    name, given = known(_MODEL, "fisheye" if says_fisheye(document) else "")
     # str() of pyrealsense2's enumeration is distortion.inverse_brown_conrady
     model = str(given) if str(given) in MODELS else str(given).removeprefix("distortion.").replace("_", " ").title()
     if model not in MODELS or d.size not in (4, 5):

@@ -17,17 +17,20 @@ from vfoa.errors import VfoaError, listed
 from vfoa.types import Float
 
 _OF_A_CAMERA = {
-    "K": ("k", "m", "mtx", "cm", "cameramatrix", "intrinsic", "intrinsics", "intrinsicmatrix"),
+    "K": ("k", "m", "mtx", "cm", "cameramatrix", "cameramat", "intrinsic", "intrinsics", "intrinsicmatrix"),
     "D": (
         *("d", "dist", "distcoef", "distcoefs", "distcoeff", "distcoeffs"),
-        *("distortion", "distortioncoeffs", "distortioncoefficients"),
+        *("distortion", "distortioncoeffs", "distortioncoefficients", "distortionparams"),
     ),
     "R": ("r", "rect", "rectification", "rectificationmatrix"),
     "P": ("p", "proj", "projmat", "projmatrix", "projection", "projectionmatrix"),
 }
 _OF_THE_PAIR = {
-    "R": ("r", "rot", "rotation", "rotationmatrix", "rotationofcamera2", "stereorotation"),
-    "T": ("t", "trans", "translation", "translationvector", "translationofcamera2", "stereotranslation"),
+    "R": ("r", "rot", "rotation", "rotationmatrix", "rotationmat", "rotationofcamera2", "stereorotation"),
+    "T": (
+        *("t", "trans", "translation", "translationvector", "translationvec"),
+        *("translationofcamera2", "stereotranslation"),
+    ),
 }
 _MOST_RADIANS = 0.15
 """Longest rotation vector of a pair that is read, 9 degrees; longer ones are probably in degrees.
@@ -77,14 +80,14 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
     read = _opencv_matrices(document, where)
     unset = [name for name in _RECTIFICATION if name in read and not read[name].any()]
     matrices = {name: matrix for name, matrix in read.items() if name not in unset}
-    size_px = _opencv_size(document, matrices, where)
+    size_px = image_size(document, matrices.get("K1", matrices.get("P1")), where)
     unrectified = [
         name for name in ("R", "T", "D1", "D2", "R1", "R2") if name in matrices and not _is_trivial(matrices[name])
     ]
     if matrices.keys() >= {"P1", "P2"} and (rectified or not unrectified):
         left, right = (_of_shape(matrices, f"P{number}", where) for number in "12")
         return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
-    model: Model = "equidistant" if fisheye or _says_fisheye(document) else "plumb_bob"
+    model: Model = "equidistant" if fisheye or says_fisheye(document) else "plumb_bob"
     is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in (_RECTIFICATION, ("R", "T")))
     if is_rectifying or is_posed:
         size_px = size_px or size()
@@ -143,8 +146,8 @@ def opencv_camera(document: Document, size_px: tuple[int, int], where: str) -> R
         return None
     values = {role: numbers(document[name], f"{where}: {name}") for role, names in read.items() for name in names}
     k = _of_shape(values, "K", where)
-    size = _opencv_size(dict(_one_level(document)), {"K1": k}, where) or size_px
-    model: Model = "equidistant" if _says_fisheye(document) else "plumb_bob"
+    size = image_size(document, k, where) or size_px
+    model: Model = "equidistant" if says_fisheye(document) else "plumb_bob"
     return RawCamera(size_px=size, k=k, d=values.get("D", np.zeros(0)), model=model)
 
 
@@ -212,8 +215,12 @@ def _by_plain_name(document: Document) -> dict[str, Any]:
     return {_plain(name): value for name, value in document.items()}
 
 
-def _opencv_size(document: Document, matrices: Mapping[str, Float], where: str) -> tuple[int, int] | None:
-    plain = _by_plain_name(document)
+def image_size(document: Document, matrix: Float | None, where: str) -> tuple[int, int] | None:
+    """The (width, height) of the images of a calibration; None if the file does not say it.
+
+    ``matrix``, K or P of a camera, tells whether rows or columns are first.
+    """
+    plain = _by_plain_name(dict(_one_level(document)))
     found = {role: [plain[name] for name in names if name in plain] for role, names in _SIZES.items()}
     named = [found["width"][0], found["height"][0]] if found["width"] and found["height"] else None
     values = named or next(iter(found["both"]), None)
@@ -223,12 +230,12 @@ def _opencv_size(document: Document, matrices: Mapping[str, Float], where: str) 
     if (given := numbers(values, f"{where}: image size")).size not in (2, 3):  # NumPy's shape has the channels, too
         raise VfoaError(f"{where}: image size: found {given.tolist()}; expected width and height")
     width, height = given[:2].tolist()
-    if named is None and _is_shape(width, height, matrices):
+    if named is None and _is_shape(width, height, matrix):
         width, height = height, width
     return (int(width), int(height)) if width > 0 and height > 0 else None
 
 
-def _says_fisheye(document: Document) -> bool:
+def says_fisheye(document: Document) -> bool:
     """Whether a value such as ``fisheye: true`` or ``camera_model: fisheye`` says so, which people add.
 
     ``fisheye_model: 1`` is of OpenCV's own program.
@@ -240,12 +247,11 @@ def _says_fisheye(document: Document) -> bool:
     )
 
 
-def _is_shape(first: float, second: float, matrices: Mapping[str, Float]) -> bool:
+def _is_shape(first: float, second: float, matrix: Float | None) -> bool:
     """Whether an image size is (rows, columns), as of NumPy or MATLAB: the principal point is nearer to that middle."""
-    k = next((matrices[name] for name in ("K1", "P1") if name in matrices), None)
-    if k is None or k.size not in (9, 12) or not (first > 0 and second > 0):
+    if matrix is None or matrix.size not in (9, 12) or not (first > 0 and second > 0):
         return False
-    column, row = k.reshape(3, -1)[:2, 2]
+    column, row = matrix.reshape(3, -1)[:2, 2]
     off = [abs(column / width - 0.5) + abs(row / height - 0.5) for width, height in ((first, second), (second, first))]
     return off[1] < off[0]
 

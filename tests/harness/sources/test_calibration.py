@@ -49,6 +49,7 @@ def test_the_last_digit_that_a_file_writes_may_differ() -> None:
         (LEFT, changed(RIGHT, 1, 1, 720.1), "fy is 720 left and 720.1 right"),
         (LEFT, changed(RIGHT, 1, 2, 231), "cy is 230 left and 231 right"),
         (LEFT, changed(RIGHT, 0, 3, 35), "the baseline is 0 m"),
+        (LEFT, changed(changed(RIGHT, 0, 3, 35), 1, 3, -3), "stand above each other"),
         (RIGHT, LEFT, r"baseline is -0\.12 m"),
     ],
 )

@@ -29,6 +29,10 @@ from vfoa.types import Float
 
 SPELLED = {"K1": "cameraMatrix1", "D1": "distCoeffs1", "K2": "cameraMatrix2", "D2": "distCoeffs2", "R": "R", "T": "T"}
 SIDED = {"K1": "camera_matrix_left", "D1": "dist_left", "K2": "camera_matrix_right", "D2": "dist_right"}
+SHORTENED = {"K1": "camera_mat_left", "D1": "distortion_left", "K2": "camera_mat_right", "D2": "distortion_right"} | {
+    "R": "rotation_mat",
+    "T": "translation_vec",
+}
 POSED = SIDED | {"R": "Stereo_Rotation", "T": "stereo_translation"}
 FISHEYE = replace(
     RIG, model="equidistant", d=(np.array([0.02, -0.01, 0.004, -0.001]), np.array([0.025, -0.008, 0.003, -0.002]))
@@ -75,6 +79,7 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "opencv xml, as text": lambda root: [_as_text(write_opencv(root / "c.xml", opencv_nodes(RIG), SIZE))],
     "opencv json, as text": lambda root: [_as_text(write_opencv(root / "c.json", opencv_nodes(RIG), SIZE))],
     "opencv by sides": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), SIDED), SIZE)],
+    "opencv, shortened": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), SHORTENED), SIZE)],
     "opencv, a stereo pose": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), POSED), SIZE)],
     "opencv rectified": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | rectification(RIG), SIZE)],
     "opencv not rectified": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | NOT_COMPUTED, SIZE)],

@@ -103,6 +103,18 @@ def test_each_format_gives_the_same_camera(tmp_path: Path, name: str) -> None:
     assert not read_one_camera(tmp_path / name, SIZE, rectified=True).d.any()
 
 
+def test_a_camera_by_names_may_have_opencv_s_for_the_rest(tmp_path: Path) -> None:
+    named = {"fx": 600, "fy": 610, "cx": 320, "cy": 240, "image_width": 640, "image_height": 480}
+    lens = [0.1, -0.2, 0.001, 0.002, 0.0]
+    path = write_text(tmp_path / "a.json", json.dumps({**named, "dist_coeffs": lens}))
+    found = read_one_camera(path, SIZE)
+    assert (found.k.tolist(), found.d.tolist(), found.model) == (K.tolist(), lens, "plumb_bob")
+    with pytest.raises(VfoaError, match=r"a\.json: .*1280.*640"):
+        read_one_camera(path, (1280, 960))
+    fisheye = write_text(tmp_path / "b.json", json.dumps({**named, "dist_coeffs": lens[:4], "fisheye": True}))
+    assert read_one_camera(fisheye, SIZE).model == "equidistant"
+
+
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json", "npz"])
 @pytest.mark.parametrize(("fisheye", "model"), [({}, "plumb_bob"), ({"fisheye_model": 1}, "equidistant")])
 def test_opencv_s_camera_is_read(tmp_path: Path, suffix: str, fisheye: dict[str, int], model: str) -> None:
@@ -143,6 +155,7 @@ def test_the_lens_of_a_realsense_is_read(tmp_path: Path, model: str, count: int,
         ("a.json", json.dumps({**REALSENSE, "model": [1], "coeffs": [0.1, 0, 0, 0, 0]})),
         ("a.json", json.dumps({**REALSENSE, "coeffs": [0.1, 0, 0]})),
         ("a.json", json.dumps({**REALSENSE, "k1": 0.1})),
+        ("a.json", json.dumps({**REALSENSE, "dist_coeffs": [0.1, 0, 0, 0, 0]})),
         ("a.json", json.dumps({**LISTS, "dist_coeff": [0.1, 0.2, 0.3]})),
         ("a.json", json.dumps({**LISTS, "mtx": K.tolist()})),
         ("a.json", json.dumps({**LISTS, "k1": 0.1})),
