@@ -9,7 +9,7 @@ from itertools import compress
 
 import numpy as np
 
-from vfoa.geometry import length_of, meets_own_box, outlines, stacked
+from vfoa.geometry import length_of, meets_own_box, outlines
 from vfoa.recent import Recent
 from vfoa.types import Box3D, Float, Target
 
@@ -92,14 +92,14 @@ def _mean_rays_to_boxes(origin: Float, boxes: tuple[Box3D, ...], count: int) -> 
     """Means (T, 3) of the unit rays that meet each box, NaN for a box that none meets.
 
     The rays are even over the narrowest cap about the centre of the box that holds its corners: the whole sphere for a
-    box that holds the eyes, or is so near that it fills half of their view.
+    box that holds the eyes, or reaches half around them.
     """
     seen = outlines(origin, boxes)
     right, down, ahead = seen.corners.T
     reach, axes = np.arctan2(np.hypot(right, down), ahead).max(axis=0), seen.axes
-    within = seen.distance <= stacked(boxes).d_max
-    if within.any():
-        reach[within], axes = np.pi, np.where(within[:, None, None], np.eye(3), axes)
+    is_around = reach >= np.pi / 2
+    if is_around.any():
+        reach[is_around], axes = np.pi, np.where(is_around[:, None, None], np.eye(3), axes)
     rays = _lattices(reach, count)
     met = meets_own_box(origin, axes, rays, boxes)
     counts = met.sum(axis=1)[:, None]

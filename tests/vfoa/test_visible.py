@@ -7,9 +7,10 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tests.scenes import make_box, make_target, with_points
-from vfoa.geometry import angle_between
+from vfoa.geometry import angle_between, unit
 from vfoa.visible import FACE_RADIUS_M, _lattices, visible_targets
 
 visible_clouds = partial(visible_targets, clouds=True)
@@ -66,6 +67,27 @@ def test_eyes_within_a_box_see_it_everywhere():
     views = visible_targets(EYES, (make_target(1, make_box((0, 0, 0.1), 1.0)),), {})
     assert views.ids == (1,)
     assert views.variances[0] > 0.3
+
+
+@pytest.mark.parametrize(
+    ("half", "from_middle"),
+    [((0.8, 0.02, 0.4), (0, -0.45, -0.5)), ((1.5, 0.4, 0.4), (0, -0.5, -1.2)), ((2, 1.2, 0.05), (0.1, 0.2, -1.5))],
+    ids=["a table at which one sits", "a sofa", "a wall"],
+)
+@pytest.mark.parametrize("seed", range(5))
+def test_a_large_near_box_has_the_middle_of_many_rays(half, from_middle, seed):
+    """Nearer than its own corners: of the rays to all sides only every tenth would meet it."""
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.random(rng=rng).as_matrix()
+    box = make_box((0, 0, 2), half, rotation)
+    eyes = box.center_m + rotation @ from_middle
+    rays = unit(rng.normal(size=(100_000, 3)))
+    inverse = 1 / (rays @ rotation)
+    near, far = np.sort([(sign * np.array(half) - from_middle) * inverse for sign in (-1, 1)], axis=0)
+    met = rays[far.min(axis=1) >= np.maximum(near.max(axis=1), 0)]
+    views = visible_targets(eyes, (make_target(1, box),), {})
+    assert np.rad2deg(angle_between(views.directions[0], met.mean(axis=0))) < 2.5
+    assert views.variances[0] == pytest.approx(1 - np.linalg.norm(met.mean(axis=0)), rel=0.12)
 
 
 def test_nothing_to_see_is_no_view():
