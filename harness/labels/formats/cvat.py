@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from itertools import accumulate
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -71,7 +72,12 @@ def _tracks(root: Element, path: Path) -> Iterator[ShapeTrack]:
         label, number = (_text(element, name, str(path)) for name in ("label", "id"))
         where = f"{path}: track {number}"
         shapes = [
-            _shape(shape, int(_number(shape, "frame", where)), f"{where}, frame {shape.get('frame')}")
+            _shape(
+                shape,
+                int(_number(shape, "frame", where)),
+                f"{where}, frame {shape.get('frame')}",
+                is_key=shape.get("keyframe", "1") == "1",
+            )
             for shape in element
             if shape.tag in _PLACES
         ]
@@ -84,15 +90,18 @@ def _of_images(root: Element, path: Path) -> Iterator[tuple[str, str, Shape]]:
         where = f"{path}: image {image.get('name')}"
         for element in image:
             if element.tag in _PLACES:
-                yield _text(element, "label", where), "", _shape(element, _text(image, "name", where), where)
+                shape = _shape(element, _text(image, "name", where), where, is_key=True)
+                yield _text(element, "label", where), "", shape
 
 
-def _shape(element: Element, at: int | str, where: str) -> Shape:
-    is_linear = element.tag in ("box", "points") and not _number(element, "rotation", where, "0")
+def _shape(element: Element, at: int | str, where: str, *, is_key: bool) -> Shape:
+    """A shape; each one of images is a key frame, whatever its ``keyframe``, which Datumaro writes there, too."""
+    place = tuple(round(coordinate - 0.5, 2) for coordinate in _PLACES[element.tag](element, where))
+    is_linear = len(place) == 2 or (element.tag == "box" and not _number(element, "rotation", where, "0"))
     return Shape(
         at=at,
-        place=tuple(round(coordinate - 0.5, 2) for coordinate in _PLACES[element.tag](element, where)),
-        is_needed=element.get("keyframe", "1") == "1" or not is_linear,
+        place=place,
+        is_needed=is_key or not is_linear,
         is_outside=element.get("outside") == "1",
         attributes={each.get("name", ""): (each.text or "").strip() for each in element.iter("attribute")},
         where=where,
@@ -117,8 +126,23 @@ def _ellipse(element: Element, where: str) -> Place:
 
 
 def _mask(element: Element, where: str) -> Place:
-    left, top, width, height = (_number(element, name, where) for name in ("left", "top", "width", "height"))
-    return (left, top, left + width, top + height)
+    """The extent of its pixels, which may be less than the rectangle that is written.
+
+    ``rle`` has the lengths of runs of pixels in the rectangle, row by row: outside, inside, and so on.
+    """
+    sides = [_number(element, name, where) for name in ("left", "top", "width", "height")]
+    runs = [_parsed(text, "rle", where) for text in _text(element, "rle", where).split(",")]
+    (left, top, width, height), lengths = map(int, sides), [*map(int, runs)]
+    ends = [0, *accumulate(lengths)]
+    inside = [(first, end - 1) for first, end in zip(ends[1::2], ends[2::2], strict=False) if first < end]
+    is_whole = all(number.is_integer() for number in (*sides, *runs))
+    if not (is_whole and inside and min(lengths) >= 0 and 0 < ends[-1] <= width * height):
+        found = f"{element.get('rle', '')[:40]!r} in {sides[2]:g} x {sides[3]:g}"
+        raise VfoaError(f"{where}: rle: found {found}; expected the pixels of a mask, in whole numbers")
+    rows = [place // width for place in (inside[0][0], inside[-1][1])]
+    wraps = any(first // width < last // width for first, last in inside)
+    columns = [0, width - 1] if wraps else [place % width for run in inside for place in run]
+    return (left + min(columns), top + rows[0], left + max(columns) + 1, top + rows[1] + 1)
 
 
 def _points(element: Element, where: str) -> Place:

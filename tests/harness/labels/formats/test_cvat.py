@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -153,7 +154,7 @@ def test_images_are_known_by_their_numbers(tmp_path: Path) -> None:
     [
         ('<box frame="0" rotation="90.0" xtl="10" ytl="20" xbr="30" ybr="24"/>', "box", (18, 12, 22, 32)),
         ('<ellipse frame="0" cx="20" cy="20" rx="8" ry="3" rotation="30"/>', "box", None),
-        ('<mask frame="0" rle="4" left="3" top="4" width="5" height="6"/>', "box", (3, 4, 8, 10)),
+        ('<mask frame="0" rle="0, 30" left="3" top="4" width="5" height="6"/>', "box", (3, 4, 8, 10)),
         ('<polygon frame="0" points="1.0,2.0;9.0,3.0;4.0,12.5"/>', "box", (1, 2, 9, 12.5)),
         ('<polyline frame="0" points="1.0,2.0;9.0,3.0"/>', "box", (1, 2, 9, 3)),
         ('<points frame="0" points="7.5,8.5"/>', "point", (7.5, 8.5, 7.5, 8.5)),
@@ -168,6 +169,36 @@ def test_every_kind_of_shape(tmp_path: Path, element: str, kind: str, place: Box
         down = max(8 * math.cos(at) * math.sin(turn) + 3 * math.sin(at) * math.cos(turn) for at in steps)
         place = (20 - across, 20 - down, 20 + across, 20 + down)
     assert found == pytest.approx([coordinate - 0.5 for coordinate in place], abs=0.011)
+
+
+MASKS = st.lists(st.lists(st.booleans(), min_size=4, max_size=4), min_size=1, max_size=5)
+
+
+@given(MASKS.filter(lambda rows: any(map(any, rows))))
+def test_the_box_of_a_mask_is_that_of_its_pixels(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[list[bool]]
+) -> None:
+    """Datumaro writes masks in a rectangle as large as the image."""
+    pixels = [False, *chain.from_iterable(rows)]  # runs begin outside
+    lengths = [len([*run]) for _, run in groupby(pixels)]
+    rle = ", ".join(map(str, (lengths[0] - 1, *lengths[1:])))
+    mask = f'<mask frame="0" rle="{rle}" left="10" top="20" width="4" height="{len(rows)}"/>'
+    (found,) = places(read(tmp_path_factory.mktemp("cvat"), cvat_track("bird", mask)).drawn, [1]).values()
+    down, across = np.nonzero(rows)
+    ends = (across.min(), down.min(), across.max() + 1, down.max() + 1)
+    assert found == tuple(begin + end - 0.5 for begin, end in zip((10, 20, 10, 20), ends, strict=True))
+
+
+def test_shapes_of_images_are_key_frames_whatever_is_written(tmp_path: Path) -> None:
+    """Datumaro writes ``keyframe="0"`` in each."""
+    lefts = {1: 10, 2: 30, 3: 12}
+    images = (
+        f'<image id="{number - 1}" name="{number:05d}.jpg" width="64" height="48"><box label="bird" keyframe="0" '
+        f'outside="0" xtl="{left}" ytl="0" xbr="{left + 10}" ybr="10"/></image>'
+        for number, left in lefts.items()
+    )
+    found = places(read(tmp_path, *images).drawn, [*lefts])
+    assert {frame: place[0] + 0.5 for (_, _, frame), place in found.items()} == lefts
 
 
 def test_what_has_no_box_is_counted(tmp_path: Path) -> None:
@@ -197,6 +228,10 @@ def test_an_offset_is_in_seconds_of_the_film(tmp_path: Path) -> None:
         ),
         ([cvat_track("bird", '<box frame="0" rotation="a" xtl="0" ytl="0" xbr="1" ybr="1"/>')], ["rotation", "'a'"]),
         ([cvat_track("bird", '<polygon frame="0" points="1,2;3"/>')], ["points", "1,2;3"]),
+        *(
+            ([cvat_track("bird", f'<mask frame="0" rle="{rle}" left="0" top="0" width="2" height="2"/>')], ["rle", rle])
+            for rle in ("4", "1, 4", "-1, 3", "1.5, 1", "a")
+        ),
         (
             [
                 cvat_track("bird", cvat_box(0, (0, 0, 9, 9))),
