@@ -245,7 +245,8 @@ def agreement(
     manifest = load_manifest(clip)
     opened = manifest.open()
     labels = _labels_by_annotator(manifest, opened, annotators or [])
-    comparison = compare_annotators(labels, opened.frames, opened.rate_hz, away)
+    times_s = [opened.time_ns(frame) / 1e9 for frame in opened.frames]
+    comparison = compare_annotators(labels, opened.frames, opened.rate_hz, away, times_s)
     tables = agreement_tables(manifest.name, labels, comparison, opened.frames, away)
     print_reports(first_rows(table, "rows; --out DIR writes all") for table in tables.values())
     if out:

@@ -92,7 +92,11 @@ class _Compared(NamedTuple):
 
 
 def compare_annotators(
-    labels: Mapping[str, Labels], frames: Sequence[int], rate_hz: float | None, away_s: float = 0.0
+    labels: Mapping[str, Labels],
+    frames: Sequence[int],
+    rate_hz: float | None,
+    away_s: float = 0.0,
+    times_s: Sequence[float] | None = None,
 ) -> list[Agreement]:
     """Compare every pair of annotators, first pooled, then on each subject if there are several.
 
@@ -104,6 +108,8 @@ def compare_annotators(
         The clip's frame numbers and rate; looks shorter than two seconds are joined for the interval.
     away_s
         Only frames that are farther than this from any change of the label by either of the two, seconds.
+    times_s
+        The times of the frames. Default: one after the other at the rate.
 
     Raises
     ------
@@ -112,9 +118,11 @@ def compare_annotators(
     """
     if away_s and rate_hz is None:
         raise VfoaError("--away: the clip's frame rate is not known; expected rate_hz in its manifest")
+    if times_s is None:
+        times_s = [place / (rate_hz or 1.0) for place in range(len(frames))]
     agreements = []
     for first, second in combinations(labels, 2):
-        subjects = _compared(labels[first], labels[second], frames, rate_hz, away_s)
+        subjects = _compared(labels[first], labels[second], frames, times_s, away_s)
         agreements.append(_agreement(first, second, None, subjects, rate_hz))
         if len(subjects) > 1:
             agreements += [_agreement(first, second, subject.subject, [subject], rate_hz) for subject in subjects]
@@ -124,7 +132,7 @@ def compare_annotators(
 def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Difference]:
     """Return the ranges in which two annotators judged the same frames differently, by subject and frame."""
     ranges = []
-    for compared in _compared(first, second, frames):
+    for compared in _compared(first, second, frames, range(len(frames)), 0.0):
         answers = enumerate(zip(compared.places, compared.answers, strict=True))
         # within a run of one difference, place in the clip and rank in the list grow together
         for (_, (ours, theirs)), run in groupby(answers, key=lambda item: (item[1][0] - item[0], item[1][1])):
@@ -135,14 +143,13 @@ def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Di
 
 
 def _compared(
-    first: Labels, second: Labels, frames: Sequence[int], rate_hz: float | None = None, away_s: float = 0.0
+    first: Labels, second: Labels, frames: Sequence[int], times_s: Sequence[float], away_s: float
 ) -> list[_Compared]:
     first, second = first.confirmed(), second.confirmed()
     by_subject = []
     for subject in sorted({*first.subjects, *second.subjects}):
         pairs = [(first.at(frame, subject), second.at(frame, subject)) for frame in frames]
-        seconds = [place / (rate_hz or 1.0) for place in range(len(frames))]
-        ours_s, theirs_s = (seconds_from_change(own, seconds) for own in zip(*pairs, strict=True))
+        ours_s, theirs_s = (seconds_from_change(own, times_s) for own in zip(*pairs, strict=True))
         judged = {
             place: (ours.target, theirs.target)
             for place, ((ours, theirs), *from_s) in enumerate(zip(pairs, ours_s, theirs_s, strict=True))

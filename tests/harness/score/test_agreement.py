@@ -119,6 +119,14 @@ def test_frames_near_a_change_by_either_can_be_left_out() -> None:
         compare_annotators(labels, range(1, 21), None, 0.16)
 
 
+def test_the_time_from_a_change_is_that_of_the_frames() -> None:
+    """The label changes during a pause of 1 s, half a second from both of its ends."""
+    labels = {name: _labels(girl="bbbbbccccc") for name in ("anna", "ben")}
+    times_s = [place / 10 + (place > 4) for place in range(10)]
+    by_rate, by_times = (compare_annotators(labels, range(1, 11), 10.0, 0.3, times)[0].n for times in (None, times_s))
+    assert (by_rate, by_times) == (4, 10)
+
+
 def test_differences_are_ranges_of_the_clips_frames() -> None:
     frames = [1, 2, 3, 7, 8, 9]
     one = Labels([LabelRange(first_frame=1, last_frame=9, subject="girl", label=Label(target="bird"))])
