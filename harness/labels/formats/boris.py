@@ -264,7 +264,9 @@ def _numbered(frames: Sequence[int]) -> Timeline:
 
 
 def _film_offset_ms(observation: Mapping[str, Any], exchange: Exchange, where: str) -> int:
-    """What is added to the time of an event to get the time in the film that shows the clip, ms.
+    """What is added to the time of an event to get the time in the film that shows the clip, whole ms, rounded down.
+
+    Events are rounded to the millisecond, and lengths are not: rounded down, no label begins after its frame.
 
     BORIS adds an observation's time offset to each event, and the film's creation time if the observation says so. A
     player begins at its offset, and plays the films of its list one after the other.
@@ -287,7 +289,7 @@ def _film_offset_ms(observation: Mapping[str, Any], exchange: Exchange, where: s
                 f"{where}: times count from the creation of each of several films; expected --offset SECONDS"
             )
         begin_s += _number(media.get("media_creation_time"), film, where, needed=True)
-    return -round(begin_s * 1000)
+    return math.floor(round(-begin_s * 1000, 3))
 
 
 def _number(table: Any, key: str, where: str, *, needed: bool = False) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -176,6 +177,19 @@ def test_the_film_that_shows_the_clip_counts(
 def test_the_film_or_its_time_is_given_where_none_is_the_clips_own(how: dict[str, Any], tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.boris", _turns(3.0, **OTHERS))
     assert Boris().read(path, exchange(**how)).labels.ranges == TURNS
+
+
+def test_films_before_the_clip_last_fractions_of_a_millisecond(tmp_path: Path) -> None:
+    """Events are rounded to the millisecond."""
+    clip, length_s = PlainClip(frames=range(31), rate_hz=30.0), 10.4774
+    ends = [round(length_s + clip.time_ns(number) / 1e9, 3) for number in clip.frames]
+    events = [
+        (time_s, "bird" if number % 2 else "cup", "") for number, pair in enumerate(pairwise(ends)) for time_s in pair
+    ]
+    media = {"file": {"1": ["a.mp4", "front.mp4"]}, "media_info": {"length": {"a.mp4": length_s}}}
+    path = write_text(tmp_path / "a.boris", _project(o={"type": "MEDIA", "events": _events(*events), **media}))
+    labels = Boris().read(path, exchange(clip, films={"front.mp4": 0.0})).labels
+    assert [(each.first_frame, each.last_frame) for each in labels.ranges] == [(n, n) for n in range(30)]
 
 
 def test_pictures_are_found_by_their_numbers(tmp_path: Path) -> None:
