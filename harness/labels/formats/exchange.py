@@ -6,6 +6,7 @@ import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -183,7 +184,8 @@ class Exchange:
         else:
             own = self.timeline.times_ns
             times_ns = [time - own[0] for time in own]
-        return in_ms(Timeline(frames=self.frames, times_ns=[time + round(begin_s * 1e9) for time in times_ns]))
+        begin_ns = round(Decimal(str(begin_s)) * 10**9)  # a float of ns since 1970 is off by up to 128 ns
+        return in_ms(Timeline(frames=self.frames, times_ns=[time + begin_ns for time in times_ns]))
 
     def film_of(self, names: Sequence[str], where: object) -> str | None:
         """The film of a document that shows the clip, out of their paths or addresses; None if it has no film.

@@ -73,7 +73,7 @@ _PLACES = (
 
 _MS_PER_UNIT = {"start_s": 1000.0, "start_ms": 1.0, "time_s": 1000.0, "time_ms": 1.0, "time_us": 1e-3}
 _CLOCK = re.compile(r"(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:[.,][0-9]+)?)")
-_NUMBER = re.compile(r"-?(?:[0-9]{1,12}(?:\.[0-9]*)?|\.[0-9]+)")
+_NUMBER = re.compile(r"-?(?:[0-9]{1,16}(?:\.[0-9]*)?|\.[0-9]+)")
 
 
 class OwnTable(ReadOnly):
@@ -281,13 +281,13 @@ def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path:
         subject, label = _label(cells, where, exchange)
         ends = [(cells[column], f"{where}: {column}") for column in (place[0], place[-1])]
         if place[0] in _MS_PER_UNIT:
-            start, end = (round(_time_ms(*each, unit_ms=_MS_PER_UNIT[place[0]])) for each in ends)
-            end += start if place[-1].startswith("duration") else 0
+            first, last = (_time_ms(*each, unit_ms=_MS_PER_UNIT[place[0]]) for each in ends)
+            start, end = round(first), round(first + last if place[-1].startswith("duration") else last)
         elif place[0] == "start_ns":
             start, end = (rounded_ms(_whole(*each, "ns")) for each in ends)
         else:
-            first, last = (_whole(*each) for each in ends)
-            start, end = (round(1000 * frame / (exchange.fps or 1.0)) for frame in (first, last + 1))
+            numbers = [_whole(*each) for each in ends]
+            start, end = (round(1000 * frame / (exchange.fps or 1.0)) for frame in (numbers[0], numbers[1] + 1))
         spans.append(Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where))
     return from_spans(spans, exchange, path, shown=in_ms(_timeline(place[0], exchange, path)))
 

@@ -198,6 +198,30 @@ def test_a_label_in_nanoseconds_begins_with_its_frame_and_ends_before_that_of_it
     assert labels == Labels([row(first, end - 1, target) for first, end, target in ranges])
 
 
+@pytest.mark.parametrize("rate_hz", [30.0, 30_000 / 1001, 24_000 / 1001])
+@pytest.mark.parametrize("begin_s", [0.0, 1_700_000_000.25])
+@pytest.mark.parametrize("columns", ["start,end", "onset,duration", "start_ms,end_ms"])
+def test_labels_of_whole_frames_are_read_as_these(columns: str, begin_s: float, rate_hz: float, tmp_path: Path) -> None:
+    """Whatever fraction of a millisecond their times have, also in seconds since 1970."""
+    clip = PlainClip(frames=range(61), rate_hz=rate_hz)
+    unit = 1000 if columns.endswith("ms") else 1
+    text = f"subject,target,{columns}\n"
+    for first in range(0, 60, 2):
+        start, end = (unit * (begin_s + clip.time_ns(number) / 1e9) for number in (first, first + 2))
+        length = (clip.time_ns(first + 2) - clip.time_ns(first)) / 1e9
+        text += f"girl,{'cup' if first % 4 else 'bird'},{start!r},{length if 'duration' in columns else end!r}\n"
+    labels, _ = _read(tmp_path, text, clip, offset=begin_s)
+    assert [(row.first_frame, row.last_frame) for row in labels.ranges] == [(n, n + 1) for n in range(0, 60, 2)]
+
+
+@pytest.mark.parametrize(("column", "per_s"), [("time_ms", 10**3), ("time_us", 10**6)])
+def test_moments_since_1970_need_an_offset_alone(column: str, per_s: int, tmp_path: Path) -> None:
+    begin_s = 1_700_000_000
+    rows = (f"girl,bird,{begin_s * per_s + place * per_s // 10}\n" for place in range(3))
+    labels, _ = _read(tmp_path, f"subject,target,{column}\n{''.join(rows)}", offset=begin_s)
+    assert labels == Labels([row(1, 3, "bird")])
+
+
 def test_labels_that_are_cut_are_counted(tmp_path: Path) -> None:
     text = "subject,target,start_s,end_s\nboy,cup,-3,0.2\ngirl,bird,0,0.3\ngirl,cup,0.3,9.5\n"
     _, notes = _read(tmp_path, text)
