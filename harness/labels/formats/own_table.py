@@ -187,6 +187,8 @@ def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:
 _AOI_HIT = re.compile(r"AOI hit \[(?:.* - )?(.+)\]")
 """A column of Tobii Pro Lab's data export: of a stimulus, such as a snapshot or a film, and an area of interest."""
 _SEEN, _NOT_SEEN = frozenset({"1", "1.0", "true"}), frozenset({"0", "0.0", "false"})
+_MOVEMENT, _FIXATION = "eye_movement_type", "fixation"
+"""Its column of what the eyes did: in no area, they look at nothing only in a fixation, not in a blink or a saccade."""
 
 
 def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[Row]:
@@ -196,22 +198,30 @@ def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[
         return rows
     known = {*exchange.targets, *exchange.subjects}
     names = [match[1] if (match := _AOI_HIT.fullmatch(name)) else name for name in header]
-    targets = [
-        place
-        for place, name in enumerate(names)
-        if (name != header[place] or exchange.names.translate(name) in known)
-        and all(is_missing(cells[place]) or cells[place].lower() in _SEEN | _NOT_SEEN for _, cells in lines)
+    called = [
+        place for place, name in enumerate(names) if name != header[place] or exchange.names.translate(name) in known
     ]
+    others = {place: found for place in called if (found := _other_cell(lines, place)) is not None}
+    targets = [place for place in called if place not in others]
     if not targets:
         return rows
-    others = [place for place in range(len(header)) if place not in targets]
-    return [
-        (line, [*(header[place] for place in others), "target"]),
-        *(
-            (number, [*(cells[place] for place in others), _seen(names, cells, targets, f"{path}:{number}")])
-            for number, cells in lines
-        ),
-    ]
+    for place, (number, cell) in others.items():
+        raise VfoaError(f"{path}:{number}: {header[place]}: found {cell[:40]!r}; expected 0, 1 or nothing")
+    movement = next((place for place, name in enumerate(header) if plain_name(name) == _MOVEMENT), None)
+    kept = [place for place in range(len(header)) if place not in (*targets, movement)]
+    table: list[Row] = [(line, [*(header[place] for place in kept), "target"])]
+    for number, cells in lines:
+        seen = _seen(names, cells, targets, f"{path}:{number}")
+        if seen == NOWHERE and movement is not None and cells[movement].lower() != _FIXATION:
+            seen = ""
+        table.append((number, [*(cells[place] for place in kept), seen]))
+    return table
+
+
+def _other_cell(lines: Sequence[Row], place: int) -> tuple[int, str] | None:
+    """Line and cell of the first row that does not say whether a target is looked at; None without one."""
+    cells = ((number, cells[place]) for number, cells in lines if not is_missing(cells[place]))
+    return next(((number, cell) for number, cell in cells if cell.lower() not in _SEEN | _NOT_SEEN), None)
 
 
 def _seen(names: Sequence[str], cells: Sequence[str], targets: Sequence[int], where: str) -> str:

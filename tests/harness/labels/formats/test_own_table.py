@@ -136,6 +136,33 @@ def test_the_areas_of_interest_of_an_eye_tracker_are_targets(tmp_path: Path) -> 
         _read(tmp_path, text, offset=2.0)
 
 
+def test_eyes_in_no_area_look_at_nothing_only_in_a_fixation(tmp_path: Path) -> None:
+    """The tracker writes 0 for each area, too, while it finds no eyes."""
+    header = "Recording timestamp [ms]\tParticipant name\tEye movement type\tAOI hit [S - bird]\tAOI hit [S - cup]\n"
+    types = (
+        ("Fixation", "1\t0"),
+        ("Saccade", "0\t0"),
+        ("EyesNotFound", "0\t0"),
+        ("Fixation", "0\t0"),
+        ("Saccade", "0\t1"),
+    )
+    rows = (f"{100 * place}\tgirl\t{kind}\t{hits}\n" for place, (kind, hits) in enumerate(types))
+    labels, notes = _read(tmp_path, header + "".join(rows))
+    unknown = row(2, 3, "ignore", note="not labelled yet")
+    assert labels == Labels([row(1, 1, "bird"), unknown, row(4, 4, "none"), row(5, 5, "cup")])
+    assert any("2 rows without a target" in note for note in notes)
+    assert not [note for note in notes if "not read" in note]
+
+
+@pytest.mark.parametrize("column", ["cup", "AOI hit [S - cup]"])
+@pytest.mark.parametrize("cell", ["-1", "0.7", "x"])
+def test_a_column_of_a_target_with_something_else_is_refused(column: str, cell: str, tmp_path: Path) -> None:
+    """It was left out, and looks at its target were looks at nothing."""
+    text = f"time_ms,subject,bird,{column}\n0,girl,1,0\n100,girl,0,{cell}\n"
+    with pytest.raises(VfoaError, match=rf"mine\.csv:3: {re.escape(column)}: found '{cell}'"):
+        _read(tmp_path, text)
+
+
 def test_of_several_recordings_of_a_person_one_is_chosen(tmp_path: Path) -> None:
     """Each has times from 0; two people may have one each."""
     header = "Recording timestamp [ms]\tParticipant name\tRecording name\tAOI hit [S - bird]\tAOI hit [S - cup]\n"
