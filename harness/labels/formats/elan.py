@@ -24,6 +24,8 @@ from vfoa.errors import VfoaError
 
 _DATE = "1970-01-01T00:00:00+00:00"
 """The format needs a date; a constant one gives the same bytes for the same labels."""
+_MILLISECONDS = "milliseconds"
+"""The unit of ELAN's own documents; the format also has frames of PAL and of NTSC."""
 
 
 class Elan:
@@ -152,6 +154,9 @@ def _parse(path: Path, exchange: Exchange) -> _Document:
     root = parse_xml(data, path)
     if root.tag != "ANNOTATION_DOCUMENT":
         raise VfoaError(f"{path}: found <{root.tag}>; expected ELAN's <ANNOTATION_DOCUMENT>")
+    units = {header.get("TIME_UNITS", _MILLISECONDS) for header in root.iter("HEADER")}
+    if other := units - {_MILLISECONDS}:
+        raise VfoaError(f"{path}: TIME_UNITS: found {', '.join(sorted(other))!r}; expected {_MILLISECONDS}")
     times = {_given(slot, "TIME_SLOT_ID", path): _time(slot, path) for slot in root.iter("TIME_SLOT")}
     tiers = {_given(tier, "TIER_ID", path): _tier(tier, path) for tier in root.iter("TIER")}
     for tier in tiers.values():

@@ -267,6 +267,14 @@ def test_divisions_in_a_circle_are_refused(tmp_path: Path) -> None:
         Elan().read(write_text(tmp_path / "a.eaf", text), exchange())
 
 
+def test_times_in_frames_are_refused(tmp_path: Path) -> None:
+    path = _document(tmp_path / "a.eaf", ("girl", 0, 80, "bird"))
+    assert Elan().read(path, exchange()).labels.ranges == (row(1, 2, "bird"),)
+    text = path.read_text().replace("<HEADER", '<HEADER TIME_UNITS="PAL-frames"')
+    with pytest.raises(VfoaError, match=r"a\.eaf: TIME_UNITS: found 'PAL-frames'; expected milliseconds"):
+        Elan().read(write_text(path, text), exchange())
+
+
 def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"--offset: .*-2 s"):
         Elan().write(tmp_path / "a.eaf", Labels([row(1, 2, "bird")]), exchange(offset=-2.0))
