@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -12,8 +11,6 @@ from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
 from harness.labels.formats.shapes import Shape, ShapeFile, imported, tracks_of
 from vfoa.errors import VfoaError
 
-_OF_A_FILM = re.compile(r"frame_(\d{6})\.png", re.IGNORECASE)
-"""The name that CVAT gives to a picture of a film, by its place in it, from 0."""
 _NO_MASK = (b"null", b"[]", b"[[]]")
 
 
@@ -25,28 +22,19 @@ class Coco(ReadOnly):
         file = read_coco(path)
         if not file.images:
             raise VfoaError(f"{path}: found no images; expected images, categories and annotations")
-        ats = _ats(file)
+        names = {image.id: image.name for image in file.images}
         shapes = ShapeFile(
-            tracks=tracks_of(_shapes(file, ats, path)), images=[*ats.values()], size_px=_size(file, path)
+            tracks=tracks_of(_shapes(file, names, path)), images=[*names.values()], size_px=_size(file, path)
         )
         return imported(shapes, exchange, path)
 
 
-def _ats(file: CocoFile) -> Mapping[int | str, int | str]:
-    """The place in a film of each image, if the first picture of one is among them; else its name."""
-    places = {image.id: _OF_A_FILM.fullmatch(image.name) for image in file.images}
-    numbers = {key: int(place[1]) for key, place in places.items() if place}
-    if len(numbers) == len(places) and 0 in numbers.values():
-        return numbers
-    return {image.id: image.name for image in file.images}
-
-
-def _shapes(file: CocoFile, ats: Mapping[int | str, int | str], path: Path) -> Iterator[tuple[str, str, Shape]]:
+def _shapes(file: CocoFile, images: Mapping[int | str, str], path: Path) -> Iterator[tuple[str, str, Shape]]:
     """Each annotation with the name of its category and the number of its track."""
     names = {category.id: category.name for category in file.categories}
     for place, annotation in enumerate(file.annotations):
         shape = Shape(
-            at=ats[annotation.image_id],
+            at=images[annotation.image_id],
             place=_place(annotation, f"{path}: {where(annotation, place)}"),
             is_needed=_is_needed(annotation),
             is_outside=False,

@@ -64,7 +64,8 @@ def _read(path: Path) -> ShapeFile:
     tracks = [*_tracks(root, path), *tracks_of(_of_images(root, path))]
     left_out = sum(1 for tag in LEFT_OUT for _ in root.iter(tag))
     words = f"{left_out} skeletons, cuboids and tags" if left_out else ""
-    return ShapeFile(tracks=tracks, images=images, size_px=_size(root, path), left_out=words)
+    is_film = any(mode.text == "interpolation" for mode in root.iter("mode"))
+    return ShapeFile(tracks=tracks, images=images, size_px=_size(root, path), is_film=is_film, left_out=words)
 
 
 def _tracks(root: Element, path: Path) -> Iterator[ShapeTrack]:

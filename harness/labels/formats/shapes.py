@@ -67,13 +67,15 @@ def tracks_of(shapes: Iterable[tuple[str, str, Shape]]) -> list[ShapeTrack]:
 class ShapeFile:
     """The tracks of a file, and the size (width, height) of its images, where it is known.
 
-    ``images`` are those that it lists, also without a shape, by place or by name. ``left_out`` says what has no box:
-    "2 skeletons"; empty if there is nothing.
+    ``images`` are those that it lists, also without a shape, by name; none if its shapes have places in a film.
+    ``is_film``: they are known to be those of a film. ``left_out`` says what has no box: "2 skeletons"; empty if there
+    is nothing.
     """
 
     tracks: list[ShapeTrack]
-    images: Sequence[int | str]
+    images: Sequence[str]
     size_px: tuple[int, int] | None
+    is_film: bool = False
     left_out: str = ""
 
     def ats(self) -> Collection[int | str]:
@@ -114,18 +116,33 @@ def name_in(attributes: Mapping[str, str]) -> str:
     return next(named, "")
 
 
+_OF_A_FILM = re.compile(r"frame_(\d{6})(?:\.png)?", re.IGNORECASE)
+"""The name that CVAT gives to a picture of a film, by its place in it, from 0."""
+
+
 def _frames(file: ShapeFile, exchange: Exchange, path: Path) -> Mapping[int | str, int]:
     """The clip's frame of each frame of a task, or of each image by its name; those outside the clip are not in it."""
-    if names := [image for image in file.images if isinstance(image, str)]:
+    places = _places(file, exchange)
+    if file.images and not places:
         if exchange.offset is not None:
             raise VfoaError(f"{path}: --offset: its images are known by the numbers in their names; leave it out")
         known = frozenset(exchange.frames)
-        return {name: number for number, name in number_names(names, str(path)).items() if number in known}
+        return {name: number for number, name in number_names(file.images, str(path)).items() if number in known}
     rate_hz = exchange.fps or exchange.rate_hz
     if exchange.offset and rate_hz is None:
         raise VfoaError(f"{path}: --offset: the clip's frame rate is not known; expected --fps RATE, too")
     first = round((exchange.offset or 0.0) * (rate_hz or 0.0))
-    return {first + position: frame for position, frame in enumerate(exchange.frames)}
+    frames: dict[int | str, int] = {first + position: frame for position, frame in enumerate(exchange.frames)}
+    return {name: frames[at] for name, at in places.items() if at in frames} if places else frames
+
+
+def _places(file: ShapeFile, exchange: Exchange) -> dict[str, int]:
+    """The place in a film of each image; none if they are not pictures of one, or may be the clip's own files."""
+    named = [(name, _OF_A_FILM.fullmatch(name)) for name in file.images]
+    places = {name: int(match[1]) for name, match in named if match}
+    is_own = exchange.offset is None and {*places.values()} <= {*exchange.frames}
+    is_film = file.is_film or (0 in places.values() and not is_own)
+    return places if is_film and len(places) == len(named) else {}
 
 
 def _named(tracks: list[ShapeTrack], exchange: Exchange, path: Path) -> list[_Named]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import chain, groupby, pairwise
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -169,6 +170,41 @@ def test_every_kind_of_shape(tmp_path: Path, element: str, kind: str, place: Box
         down = max(8 * math.cos(at) * math.sin(turn) + 3 * math.sin(at) * math.cos(turn) for at in steps)
         place = (20 - across, 20 - down, 20 + across, 20 + down)
     assert found == pytest.approx([coordinate - 0.5 for coordinate in place], abs=0.011)
+
+
+def _pictures(numbers: Sequence[int], suffix: str = "") -> list[str]:
+    """Images called as CVAT calls pictures of a film, each with a bird whose left side is at the number."""
+    return [
+        f'<image id="{number}" name="frame_{number:06d}{suffix}" width="64" height="48">'
+        f'<box label="bird" xtl="{number}" ytl="0" xbr="{number + 10}" ybr="10"/></image>'
+        for number in numbers
+    ]
+
+
+@pytest.mark.parametrize("suffix", ["", ".png", ".PNG"])
+@pytest.mark.parametrize(
+    ("frames", "numbers", "options", "expected"),
+    [
+        (range(1, 7), range(6), {}, {1: 0, 2: 1, 3: 2, 4: 3, 5: 4, 6: 5}),
+        (range(1, 7), range(40), {"offset": 1.0}, {1: 25, 2: 26, 3: 27, 4: 28, 5: 29, 6: 30}),
+        ((0, 2, 4), (0, 1, 2), {}, {0: 0, 2: 1, 4: 2}),
+        ((0, 2, 4), (0, 2, 4), {}, {0: 0, 2: 2, 4: 4}),  # the clip's own files
+        (range(1, 7), (1, 2, 3), {}, {1: 1, 2: 2, 3: 3, 4: 3, 5: 3, 6: 3}),
+    ],
+)
+def test_pictures_of_a_film_are_known_by_their_places(
+    tmp_path: Path, frames: Sequence[int], numbers: Sequence[int], options: Any, expected: dict[int, int], suffix: str
+) -> None:
+    drawn = read(tmp_path, *_pictures(numbers, suffix), frames=frames, **options).drawn
+    assert {frame: place[0] + 0.5 for (_, _, frame), place in places(drawn, frames).items()} == expected
+
+
+def test_pictures_of_a_film_s_later_part_are_known_by_their_places(tmp_path: Path) -> None:
+    """Of a job; that it is of a film is in its meta."""
+    text = cvat_document(*_pictures(range(2, 6))).replace("<job>", "<job><mode>interpolation</mode>")
+    imported = Cvat().read(write_text(tmp_path / "a.xml", text), exchange(PlainClip(frames=range(1, 7))))
+    found = places(imported.drawn, range(1, 7))
+    assert {frame: place[0] + 0.5 for (_, _, frame), place in found.items()} == {3: 2, 4: 3, 5: 4, 6: 5}
 
 
 MASKS = st.lists(st.lists(st.booleans(), min_size=4, max_size=4), min_size=1, max_size=5)
