@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from harness.files.coco import CocoAnnotation, CocoFile, read_coco, where
 from harness.labels.drawn_shapes import Place
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
-from harness.labels.formats.shapes import Shape, ShapeFile, imported, tracks_of
+from harness.labels.formats.shapes import Shape, ShapeFile, imported, tracks_of, turned_box
 from vfoa.errors import VfoaError
 
+_LARGEST = 1e9
 _NO_MASK = (b"null", b"[]", b"[[]]")
 
 
@@ -46,16 +48,28 @@ def _shapes(file: CocoFile, images: Mapping[int | str, str], path: Path) -> Iter
 
 def _is_needed(annotation: CocoAnnotation) -> bool:
     """Whether a place is not known from those around it: CVAT moves boxes linearly between key frames."""
-    is_box = bytes(annotation.segmentation).strip() in _NO_MASK
-    return not (is_box and annotation.named.get("keyframe") is False)
+    return not (_is_box(annotation) and annotation.named.get("keyframe") is False) or bool(_rotation_deg(annotation))
+
+
+def _is_box(annotation: CocoAnnotation) -> bool:
+    return bytes(annotation.segmentation).strip() in _NO_MASK
+
+
+def _rotation_deg(annotation: CocoAnnotation) -> float:
+    """By how much CVAT turns the box about its middle; the box of a mask is that of its pixels."""
+    rotation = annotation.named.get("rotation")
+    if not (_is_box(annotation) and isinstance(rotation, int | float)):
+        return 0.0
+    return float(rotation) if abs(rotation) < _LARGEST else math.inf
 
 
 def _place(annotation: CocoAnnotation, where: str) -> Place:
-    box = annotation.bbox or []
-    if len(box) != 4 or not all(abs(number) < 1e9 for number in box):
-        raise VfoaError(f"{where}: bbox: found {box}; expected [left, top, width, height] in pixels")
+    box, rotation_deg = annotation.bbox or [], _rotation_deg(annotation)
+    if len(box) != 4 or not all(abs(number) < _LARGEST for number in (*box, rotation_deg)):
+        found = f"{box}{f', turned by {rotation_deg:g} degrees' if rotation_deg else ''}"
+        raise VfoaError(f"{where}: bbox: found {found}; expected [left, top, width, height] in pixels")
     left, top, width, height = box
-    return tuple(round(number - 0.5, 2) for number in (left, top, left + width, top + height))
+    return tuple(round(side - 0.5, 2) for side in turned_box(left, top, left + width, top + height, rotation_deg))
 
 
 def _size(file: CocoFile, path: Path) -> tuple[int, int] | None:

@@ -26,7 +26,7 @@ from harness.files.io import read_bytes
 from harness.files.parsing import parse_xml
 from harness.labels.drawn_shapes import Place
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
-from harness.labels.formats.shapes import Shape, ShapeFile, ShapeTrack, imported, tracks_of
+from harness.labels.formats.shapes import Shape, ShapeFile, ShapeTrack, imported, tracks_of, turned_box
 from vfoa.errors import VfoaError
 
 LEFT_OUT = ("skeleton", "cuboid", "tag")
@@ -111,11 +111,7 @@ def _shape(element: Element, at: int | str, where: str, *, is_key: bool) -> Shap
 
 def _box(element: Element, where: str) -> Place:
     u0, v0, u1, v1 = (_number(element, name, where) for name in ("xtl", "ytl", "xbr", "ybr"))
-    turn = math.radians(_number(element, "rotation", where, "0"))
-    half_u, half_v = (u1 - u0) / 2, (v1 - v0) / 2
-    across = half_u * abs(math.cos(turn)) + half_v * abs(math.sin(turn))
-    down = half_u * abs(math.sin(turn)) + half_v * abs(math.cos(turn))
-    return _about((u0 + u1) / 2, (v0 + v1) / 2, across, down)
+    return turned_box(u0, v0, u1, v1, _number(element, "rotation", where, "0"))
 
 
 def _ellipse(element: Element, where: str) -> Place:
@@ -123,7 +119,7 @@ def _ellipse(element: Element, where: str) -> Place:
     turn = math.radians(_number(element, "rotation", where, "0"))
     across = math.hypot(half_u * math.cos(turn), half_v * math.sin(turn))
     down = math.hypot(half_u * math.sin(turn), half_v * math.cos(turn))
-    return _about(u, v, across, down)
+    return (u - across, v - down, u + across, v + down)
 
 
 def _mask(element: Element, where: str) -> Place:
@@ -164,10 +160,6 @@ _PLACES: Mapping[str, Callable[[Element, str], Place]] = {
     "polyline": _points,
 }
 """How the place of each kind of shape is read."""
-
-
-def _about(u: float, v: float, across: float, down: float) -> Place:
-    return (u - across, v - down, u + across, v + down)
 
 
 def _size(root: Element, path: Path) -> tuple[int, int] | None:

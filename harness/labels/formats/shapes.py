@@ -8,6 +8,7 @@ of these words (``anna_head``). An attribute of a person's shapes, such as ``loo
 
 from __future__ import annotations
 
+import math
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -43,6 +44,15 @@ class Shape:
     is_outside: bool
     attributes: Mapping[str, str]
     where: str
+
+
+def turned_box(u0: float, v0: float, u1: float, v1: float, degrees: float) -> Place:
+    """The extent of a box that is turned about its middle, as CVAT turns boxes."""
+    turn, half_u, half_v = math.radians(degrees), (u1 - u0) / 2, (v1 - v0) / 2
+    across = half_u * abs(math.cos(turn)) + half_v * abs(math.sin(turn))
+    down = half_u * abs(math.sin(turn)) + half_v * abs(math.cos(turn))
+    u, v = (u0 + u1) / 2, (v0 + v1) / 2
+    return (u - across, v - down, u + across, v + down)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

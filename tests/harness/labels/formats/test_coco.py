@@ -100,6 +100,20 @@ def test_a_public_export_of_cvat(tmp_path: Path) -> None:
     assert imported.size_px == (1920, 1080)
 
 
+@pytest.mark.parametrize(
+    ("segmentation", "expected"),
+    [([], (13, -3, 17, 17)), ([[0, 0, 1, 1]], (5, 5, 25, 9))],  # the box of a mask is that of its pixels
+)
+def test_a_box_that_cvat_turned_is_read_by_its_extent(
+    tmp_path: Path, segmentation: Any, expected: tuple[float, ...]
+) -> None:
+    """CVAT writes the box as it was before, and the angle about its middle, as in its own XML."""
+    turned = {"bbox": [5, 5, 20, 4], "segmentation": segmentation, "attributes": {"rotation": 90.0}}
+    imported = read(tmp_path, {1: "1.png"}, box(1, "bird", 5) | turned)
+    ((_, place),) = imported.drawn.at(1)
+    assert [side + 0.5 for side in place] == pytest.approx(expected)
+
+
 def test_images_of_the_clip_s_own_are_known_by_their_numbers(tmp_path: Path) -> None:
     files = {number: f"frame_{number:06d}.png" for number in (3, 4)}
     assert lefts(read(tmp_path, files, box(3, "bird", 7), box(4, "bird", 8)), "bird")[3] == 7
@@ -151,6 +165,7 @@ def test_attributes_have_names_and_looks(tmp_path: Path) -> None:
         (document({1: "1.png"}, [{"image_id": 1, "category_id": 1}]), ["annotation 1", "bbox"]),
         (document({1: "1.png"}, [{**box(1, "bird", 0), "bbox": [1, 2, 3]}]), ["bbox", "[1.0, 2.0, 3.0]"]),
         (document({1: "1.png"}, [{**box(1, "bird", 0), "bbox": [1, 2, 0, 3]}]), ["annotation 1"]),
+        (document({1: "1.png"}, [box(1, "bird", 0, attributes={"rotation": 10**400})]), ["annotation 1", "turned"]),
         (document({1: "1.png"}, [box(1, "bird", 0), box(1, "bird", 9)]), ["annotation 2", "'bird'", "annotation 1"]),
         (document({1: "1.png"}, [box(1, "chair", 0)]), ["chair", "bird"]),
         (document({1: "a/1.png", 2: "b/1.png"}, [box(1, "bird", 0)]), ["1.png"]),
