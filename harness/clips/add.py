@@ -81,10 +81,18 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
     if failures:
         raise failures[0]
     tried = ", ".join(recognisers or names)
+    if path.suffix.lower() in _TABLES:
+        raise VfoaError(
+            f"{path}: a table that is not recognised by {tried}; expected, of people, the columns frame, time_s, "
+            "person, x_m, y_m, z_m and those of directions, as people.csv in a folder (docs/sources.md, Measurements "
+            "without images), or, of labels, vfoa labels import FILE --clip CLIP"
+        )
     found = _held(path) if path.is_dir() else ""
     raise VfoaError(f"{path}: not recognised by {tried}{found}; expected one of the sources in datasets/README.md")
 
 
+_TABLES = frozenset({".csv", ".tsv", ".txt", ".parquet", ".xlsx"})
+"""Ends of the names of what trackers and eye trackers export."""
 _MOST_KINDS = 5
 """Most kinds of files that a message counts."""
 

@@ -177,6 +177,22 @@ def test_what_is_not_a_clip_is_refused(tmp_path: Path) -> None:
     assert "deep: 1 .txt (" in said
 
 
+@pytest.mark.parametrize(
+    ("name", "header"),
+    [
+        ("feat.csv", ",FaceRectX,FaceRectY,Pitch,Roll,Yaw,input,frame,approx_time"),  # Py-Feat
+        ("faces.csv", "frame,face_id,timestamp,gaze_yaw,gaze_pitch,emotion"),  # OpenFace 3
+        ("gaze.csv", "section id,recording id,timestamp [ns],gaze x [px],gaze y [px]"),  # Pupil Cloud
+        ("take.tsv", "Frame\tTime\tHelmet_1 Centroid_X\tHelmet_1 R0"),  # THOER-MAGNI
+    ],
+)
+def test_a_table_of_another_program_says_which_columns_are_read(tmp_path: Path, name: str, header: str) -> None:
+    said = refused(write_text(tmp_path / name, f"{header}\n"))
+    assert said.count("\n") == 0
+    assert "people.csv" in said
+    assert "vfoa labels import" in said
+
+
 def test_images_of_a_format_that_is_not_read_are_counted(tmp_path: Path) -> None:
     for name in ("left/1.heic", "left/2.heic", "right/1.heic", "notes.txt"):
         write_text(tmp_path / "phone" / name, "ftypheic")
