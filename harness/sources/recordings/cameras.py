@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -34,6 +35,7 @@ from harness.sources.rectification import (
     Rectifier,
     motion_of,
     pair_of_infos,
+    shrinking_note,
     unset_matrices,
 )
 from vfoa.errors import VfoaError
@@ -85,9 +87,9 @@ class PairCameras:
             self.notes = settings.camera.notes
         elif settings.calibration is not None:
             path = folder / settings.calibration
-            self._for_all_times = Rectifier(
-                read_cameras([path], size, Options(rectified=self._rectified, baseline_m=settings.baseline_m))
-            )
+            options = Options(rectified=self._rectified, baseline_m=settings.baseline_m)
+            self._for_all_times = Rectifier(cameras := read_cameras([path], size, options))
+            self.notes = shrinking_note(cameras)
         else:
             if streams.is_packed and not (settings.left_info and settings.right_info):
                 raise VfoaError(
@@ -97,7 +99,7 @@ class PairCameras:
             infos = zip(pair, (settings.left_info, settings.right_info), strict=True)
             self._topics = tuple(find_camera(topics, [image], info, where) for image, info in infos)
             self._baseline_m = settings.baseline_m or _baseline_m(topics, pair, recording)
-            self.notes = self._notes()
+            self.notes = (*self._notes(), *self._shrinking_note())
 
     def frame(
         self, number: int, stamps_ns: tuple[int, int], left: Image, right: Image | None, depth_m: Map | None
@@ -150,12 +152,23 @@ class PairCameras:
         """Notes on what a given baseline replaces in the first calibrations."""
         if self._baseline_m is None or not all(topic.places for topic in self._topics):
             return ()
-        cameras = [camera_at(topic, topic.places[0].stamp_ns, self._recording) for topic in self._topics]
+        cameras = self._first_cameras()
         if not (unset := unset_matrices(*cameras)):
             return ()
         names = " and ".join(topic.name for topic in self._topics)
         parallel = "; the cameras are taken as parallel" if "R" in unset else ""
         return (f"{names}: {unset}: zeros (not set), baseline_m = {self._baseline_m:g} replaces them{parallel}",)
+
+    def _shrinking_note(self) -> tuple[str, ...]:
+        """That of the first calibrations, as for a file's; what is wrong in them is said of the frame."""
+        with suppress(VfoaError):
+            if all(topic.places for topic in self._topics):
+                return shrinking_note(self._pair(*self._first_cameras(), self._recording.where))
+        return ()
+
+    def _first_cameras(self) -> tuple[RawCamera, RawCamera]:
+        left, right = (camera_at(topic, topic.places[0].stamp_ns, self._recording) for topic in self._topics)
+        return left, right
 
 
 def _baseline_m(topics: Collection[Topic], pair: tuple[Topic, Topic], recording: Recording) -> float | None:

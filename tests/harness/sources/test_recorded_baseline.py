@@ -143,3 +143,17 @@ def test_two_files_of_ros_take_a_baseline_as_a_recording_does(
     frame = StereoFolderClip(StereoFolderSettings.model_validate(views | {"baseline_m": 0.25}), tmp_path).frame(0)
     assert frame.rig == recorded.rig
     np.testing.assert_array_equal(frame.left, recorded.left)
+
+
+@pytest.mark.parametrize(("fx", "is_noted"), [(30.0, True), (90.0, False)])
+def test_what_rectification_takes_of_a_wide_lens_is_noted(tmp_path: Path, fx: float, is_noted: bool) -> None:
+    left, right = (replace(LENS, p=_projection(fx, tx)) for tx in (0.0, -0.1 * fx))
+    notes = open_clip(_record(tmp_path / "a.mcap", left, right)).notes
+    assert [note for note in notes if note.startswith("rectification reduces fx from 100")] == [*notes]
+    assert bool(notes) == is_noted
+    text = yaml.safe_dump(
+        {"K1": K, "D1": [*D], "K2": K, "D2": [*D], "R1": [*LENS.r], "R2": [*LENS.r], "image_size": [WIDTH, HEIGHT]}
+        | {"P1": left.p, "P2": right.p}
+    )
+    write_text(tmp_path / "rig.yml", text)
+    assert open_clip(tmp_path / "a.mcap", calibration="rig.yml").notes == notes
