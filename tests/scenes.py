@@ -143,16 +143,18 @@ def stereo_planes(
     """
     rng = np.random.default_rng(seed)
     size = (rig.height_px, rig.width_px)
-    wall = rng.integers(0, 256, (rig.height_px, rig.width_px + far_px, 3), dtype=np.uint8)
+    wall = rng.integers(0, 256, (rig.height_px, rig.width_px + abs(far_px), 3), dtype=np.uint8)
+    first = max(-far_px, 0)
     plate = rng.integers(0, 256, (*size, 3), dtype=np.uint8)
     rows, columns = window
-    left, right = wall[:, : rig.width_px].copy(), wall[:, far_px:].copy()
+    left, right = (wall[:, begin : begin + rig.width_px].copy() for begin in (first, first + far_px))
     left[window] = plate[window]
     seen = range(max(columns.start, near_px), columns.stop)
     right[rows, seen.start - near_px : seen.stop - near_px] = plate[rows, seen.start : seen.stop]
     disparity = np.full(size, far_px, np.float32)
     disparity[window] = near_px
-    visible = np.broadcast_to(np.arange(rig.width_px) >= disparity, size).copy()
+    columns_right = np.arange(rig.width_px) - disparity
+    visible = (columns_right >= 0) & (columns_right < rig.width_px)
     visible[rows, max(columns.start - (near_px - far_px), 0) : columns.start] = False
     if noise:
         left, right = (

@@ -18,7 +18,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Lock
 from typing import Any, ClassVar
 
@@ -99,7 +99,8 @@ class _Matcher(ABC):
             self._prepare(frame.rig)
         left, right = (gray(image, self._factor) for image in both_views(frame))
         matched = region.shrunk(self._factor)
-        reached = self._pair.reached(matched)  # the WLS filter compares both views in this region
+        # the WLS filter compares both views in this region
+        reached = self._pair.reached(matched, whole(frame.rig).shrunk(self._factor))
         if self._common.wls:
             guide = cut(frame.left, reached.times(self._factor))
             sixteenths, confidence = self._wls.filter(*self._pair.both(left, right, matched, reached), guide)
@@ -108,7 +109,8 @@ class _Matcher(ABC):
         origin = reached.times(self._factor)
         disparity: Map = np.divide(cropped(sixteenths, origin, region), SIXTEENTHS, dtype=np.float32)
         known = disparity > self._range.first_px
-        known &= disparity <= np.arange(region.u0, region.u1, dtype=np.float32)
+        columns_right = np.arange(region.u0, region.u1, dtype=np.float32) - disparity
+        known &= (columns_right >= 0) & (columns_right <= frame.rig.width_px - 1)
         if confidence is not None:
             confidence = cropped(confidence, origin, region)
             known &= confidence >= self._common.min_confidence
@@ -199,7 +201,10 @@ class SemiGlobalMatcher(_Matcher):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisparityRange:
-    """The disparities ``first_px`` to ``first_px + count - 1``; OpenCV needs a ``count`` that is a multiple of 16."""
+    """The disparities ``first_px`` to ``first_px + count - 1``; OpenCV needs a ``count`` that is a multiple of 16.
+
+    They are negative for what is farther away than the point in which the axes of the two images cross.
+    """
 
     first_px: int
     count: int
@@ -207,26 +212,31 @@ class DisparityRange:
     @property
     def reach_px(self) -> int:
         """Greatest distance to the left of a pixel's column at which its match can be."""
-        return self.first_px + self.count
+        return max(self.first_px + self.count, 0)
+
+    @property
+    def reach_right_px(self) -> int:
+        """The same to the right."""
+        return max(-self.first_px, 0)
 
     def shrunk(self, factor: int) -> DisparityRange:
         """Return the range in an image with ``factor`` times fewer columns."""
-        first, end = self.first_px // factor, -(-self.reach_px // factor)
+        first, end = self.first_px // factor, -(-(self.first_px + self.count) // factor)
         return DisparityRange(first_px=first, count=16 * math.ceil((end - first) / 16))
 
 
 def disparity_range(rig: StereoRig, min_depth_m: float) -> DisparityRange:
     """Return the disparities of all depths between ``min_depth_m`` and infinity on a rig.
 
-    The range goes from 0, or from the disparity of infinity if the principal points differ, to fx B / z - (cx_right -
-    cx), rounded up to the next multiple of 16, and never beyond the image's width.
+    The range goes from the disparity of infinity, which is 0 unless the principal points differ, to fx B / z -
+    (cx_right - cx), rounded up to the next multiple of 16, and never beyond the image's width.
 
     Raises
     ------
     VfoaError
-        If nothing at that depth has a positive disparity.
+        If nothing at that depth has a disparity in the image.
     """
-    first = max(0, math.floor(rig.cx_px - rig.cx_right_px))
+    first = max(math.floor(rig.cx_px - rig.cx_right_px), 1 - rig.width_px)
     last = min(math.ceil(float(disparity_from_depth(min_depth_m, rig))), rig.width_px - 1)
     if last <= first:
         raise VfoaError(
@@ -254,15 +264,17 @@ class PairMatcher:
     def left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
         """Return disparities of the left view in ``reached``; only those in ``matched`` are computed.
 
-        OpenCV does not match the first columns, as many as the range of its search; the image is extended by as many.
+        OpenCV does not match the columns at an edge, as many as its search reaches; the image is extended by as many.
         """
-        given = with_edge(matched, self.block_size_px, before=self.searched.reach_px)
+        before, after = self.searched.reach_px, self.searched.reach_right_px
+        given = with_edge(matched, self.block_size_px, before=before, after=after)
         of_left = self.left_matcher.compute(cut(left, given), cut(right, given))
         return np.ascontiguousarray(cropped(of_left, given, reached))
 
     def right(self, left: Gray, right: Gray, reached: Region) -> Sixteenths:
-        """Return disparities of the right view, which are negative. Here OpenCV does not match the last columns."""
-        given = with_edge(reached, self.block_size_px, after=self.searched.reach_px)
+        """Return disparities of the right view, which have the other sign, so that the edges are exchanged."""
+        before, after = self.searched.reach_right_px, self.searched.reach_px
+        given = with_edge(reached, self.block_size_px, before=before, after=after)
         of_right = self.right_matcher.compute(cut(right, given), cut(left, given))
         return np.ascontiguousarray(cropped(of_right, given, reached))
 
@@ -274,9 +286,13 @@ class PairMatcher:
             of_right = pool.submit(self.right, left, right, reached)
             return self.left(left, right, matched, reached), of_right.result()
 
-    def reached(self, matched: Region) -> Region:
-        """Return a region extended by the columns to its left in which its matches may lie."""
-        return matched.from_column(max(matched.u0 - self.searched.reach_px, 0))
+    def reached(self, matched: Region, limits: Region) -> Region:
+        """Return a region extended by the columns in which its matches may lie, clipped to the limits."""
+        return replace(
+            matched,
+            u0=max(matched.u0 - self.searched.reach_px, limits.u0),
+            u1=min(matched.u1 + self.searched.reach_right_px, limits.u1),
+        )
 
 
 def with_edge(region: Region, block_size_px: int, *, before: int = 0, after: int = 0) -> Region:

@@ -7,16 +7,22 @@ Stretching by s in x makes fx, cx, cx' and every disparity s times as large, so 
 same at either size: the disparity divided by s belongs to the rig of the image. Stretching in y moves rows, which a
 rectified pair shares, and changes no disparity. The cost is resolution: an error of 1 px in the input is 1 / s px in
 the image.
+
+The network finds positive disparities alone. Where the right principal point is farther to the right, infinity has a
+negative one: the right view is moved to the left by as many pixels.
 """
 
 from __future__ import annotations
+
+import math
 
 import cv2
 import numpy as np
 
 from vfoa.errors import VfoaError
 from vfoa.onnx import Model, OnnxSettings, Signature
-from vfoa.stereo.cut import both_views
+from vfoa.stereo.cut import both_views, cut
+from vfoa.stereo.region import Region
 from vfoa.types import Disparity, Image, Map, StereoFrame
 
 SIGNATURE = Signature(inputs={"pair": (1, 2, None, None)}, outputs={"disparity": (1, None, None, 1)}, by_position=True)
@@ -47,11 +53,16 @@ class HitNet:
         Pixels that the network places at infinity or outside the right image are unknown.
         """
         width, height = self._size()
-        pair = np.stack([_gray(image, (width, height)) for image in both_views(frame)])[None]
-        raw = self._model.run(pair=pair)["disparity"][0, ..., 0]
         size = (frame.rig.width_px, frame.rig.height_px)
-        disparity: Map = cv2.resize(raw, size, interpolation=cv2.INTER_NEAREST_EXACT) * np.float32(size[0] / width)
-        known = (disparity > 0) & (disparity <= np.arange(size[0]))
+        left, right = both_views(frame)
+        moved_px = max(math.ceil(frame.rig.cx_right_px - frame.rig.cx_px), 0)
+        right = cut(right, Region(u0=moved_px, v0=0, u1=moved_px + size[0], v1=size[1]))
+        pair = np.stack([_gray(image, (width, height)) for image in (left, right)])[None]
+        raw = self._model.run(pair=pair)["disparity"][0, ..., 0]
+        of_moved = cv2.resize(raw, size, interpolation=cv2.INTER_NEAREST_EXACT) * np.float32(size[0] / width)
+        disparity: Map = of_moved - np.float32(moved_px)
+        columns_right = np.arange(size[0]) - disparity
+        known = (of_moved > 0) & (columns_right >= 0) & (columns_right <= size[0] - 1)
         return Disparity(disparity_px=np.where(known, disparity, np.float32(np.nan)))
 
     def _size(self) -> tuple[int, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,10 +48,6 @@ class Region:
     def times(self, factor: int) -> Region:
         """Return the region in an image with ``factor`` times more rows and columns."""
         return Region(u0=self.u0 * factor, v0=self.v0 * factor, u1=self.u1 * factor, v1=self.v1 * factor)
-
-    def from_column(self, u0: int) -> Region:
-        """Return the region with another first column."""
-        return replace(self, u0=u0)
 
 
 def whole(rig: StereoRig) -> Region:

@@ -36,6 +36,19 @@ def answering(folder: Path, disparity: np.ndarray) -> HitNet:
     return HitNet(HitNet.Settings(weights=weights))
 
 
+def brightness(folder: Path) -> HitNet:
+    """A network whose disparity is 100 times what the left view is brighter than the right one."""
+    nodes = [
+        helper.make_node("Split", ["input"], ["left", "right"], axis=1),
+        helper.make_node("Sub", ["left", "right"], ["brighter"]),
+        graphs.constant_node("hundred", np.float32(100)),
+        helper.make_node("Mul", ["brighter", "hundred"], ["map"]),
+        helper.make_node("Transpose", ["map"], ["disparity"], perm=[0, 2, 3, 1]),
+    ]
+    weights = graphs.write(folder / "gray.onnx", nodes, INPUT, {"disparity": (1, 240, 320, 1)})
+    return HitNet(HitNet.Settings(weights=weights))
+
+
 def test_is_used_by_name() -> None:
     assert MATCHERS.load("hitnet") is HitNet
 
@@ -48,9 +61,10 @@ def test_depth_is_the_same_at_the_networks_size_and_the_images(tmp_path: Path, o
     found = answering(tmp_path, small).match(black(rig)).disparity_px
     assert found.shape == (360, 960)
     # Row 1 of the network is nearest to row 2 of the image; its disparity is three times as large there.
-    np.testing.assert_allclose(found[[2, 182, 359], 500], 3 * small[[1, 121, 239], 0], rtol=1e-6)
+    moved_px = max(offset_px, 0)  # of the right view that the network gets
+    np.testing.assert_allclose(found[[2, 182, 359], 500], 3 * small[[1, 121, 239], 0] - moved_px, rtol=1e-6)
     np.testing.assert_allclose(
-        depth_from_disparity(found[182, 500], rig), depth_from_disparity(small[121, 0], third), rtol=1e-6
+        depth_from_disparity(found[182, 500], rig), depth_from_disparity(small[121, 0] - moved_px / 3, third), rtol=1e-6
     )
 
 
@@ -64,20 +78,21 @@ def test_what_lies_at_infinity_or_outside_the_right_image_is_unknown(tmp_path: P
     assert (found[20:, 60:] == 60).all()
 
 
-def test_the_input_is_the_left_and_the_right_view_in_gray_from_0_to_1(tmp_path: Path) -> None:
+def test_where_infinity_has_a_negative_disparity_the_right_view_is_moved(tmp_path: Path) -> None:
     """The graph's disparity is 100 times what the left view is brighter than the right one."""
-    nodes = [
-        helper.make_node("Split", ["input"], ["left", "right"], axis=1),
-        helper.make_node("Sub", ["left", "right"], ["brighter"]),
-        graphs.constant_node("hundred", np.float32(100)),
-        helper.make_node("Mul", ["brighter", "hundred"], ["map"]),
-        helper.make_node("Transpose", ["map"], ["disparity"], perm=[0, 2, 3, 1]),
-    ]
-    weights = graphs.write(tmp_path / "gray.onnx", nodes, INPUT, {"disparity": (1, 240, 320, 1)})
+    rig = make_rig(320, 240, cx_right_offset_px=20)
+    left, right = np.full((2, 240, 320, 3), 51, np.uint8)
+    right[:, 60:] = 0
+    found = brightness(tmp_path).match(frame_of(left, right, rig)).disparity_px
+    assert np.isnan(found[:, :40]).all()
+    np.testing.assert_allclose(found[:, 40:300], 100 * 51 / 255 - 20, atol=1e-4)
+
+
+def test_the_input_is_the_left_and_the_right_view_in_gray_from_0_to_1(tmp_path: Path) -> None:
+    model = pickle.loads(pickle.dumps(brightness(tmp_path)))
     rig = make_rig(320, 240)
     left, right = np.zeros((2, 240, 320, 3), np.uint8)
     left[...], right[...] = [200, 100, 50], 60
-    model = pickle.loads(pickle.dumps(HitNet(HitNet.Settings(weights=weights))))
     found = model.match(frame_of(left, right, rig)).disparity_px
     luma = round(0.299 * 200 + 0.587 * 100 + 0.114 * 50)
     np.testing.assert_allclose(found[:, 200:], 100 * (luma - 60) / 255, rtol=1e-5)

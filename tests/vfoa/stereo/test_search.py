@@ -19,7 +19,8 @@ from vfoa.stereo.block_matching import DisparityRange, disparity_range
         (31, 0, 0, 32),
         (32, 0, 0, 48),
         (20, -5, 5, 16),  # x_right = x_left - d: infinity has 5 px
-        (20, 4, 0, 32),  # and here -4, which is none
+        (20, 4, -4, 32),  # and here -4
+        (-2, 4, -4, 16),
         (10_000, 0, 0, 208),  # the image is 200 px wide: 199 is the greatest
         (198, 0, 0, 208),
         (191, 0, 0, 192),
@@ -40,14 +41,15 @@ def test_the_last_column_s_disparity_is_searched_and_none_beyond():
 @pytest.mark.parametrize("offset_px", [-5, 4])
 def test_a_depth_without_a_disparity_is_refused(offset_px):
     rig = make_rig(200, 100, cx_right_offset_px=offset_px)
-    with pytest.raises(VfoaError, match=r"stereo\.min_depth_m: .*above [05] px"):
+    with pytest.raises(VfoaError, match=r"stereo\.min_depth_m: .*above (-4|5) px"):
         disparity_range(rig, 1e30)
 
 
-@given(first=st.integers(0, 100), sixteens=st.integers(1, 20), factor=st.integers(1, 4))
+@given(first=st.integers(-100, 100), sixteens=st.integers(1, 20), factor=st.integers(1, 4))
 def test_in_a_smaller_image_the_same_is_searched(first, sixteens, factor):
     whole = DisparityRange(first_px=first, count=16 * sixteens)
     part = whole.shrunk(factor)
     assert part.first_px * factor <= first < (part.first_px + 1) * factor
     assert part.count % 16 == 0
-    assert (part.reach_px - 16) * factor < whole.reach_px <= part.reach_px * factor
+    end, whole_end = part.first_px + part.count, whole.first_px + whole.count
+    assert (end - 16) * factor < whole_end <= end * factor

@@ -20,6 +20,9 @@ RIG, ODD_RIG = make_rig(240, 120), make_rig(241, 121)
 WINDOW = (slice(30, 90), slice(80, 180))
 FRAME, TRUTH, VISIBLE = stereo_planes(RIG, far_px=8, near_px=24, window=WINDOW, noise=3)
 ODD_FRAME, _, _ = stereo_planes(ODD_RIG, far_px=8, near_px=24, window=WINDOW, noise=3)
+CROSSING_FRAME, _, _ = stereo_planes(
+    make_rig(240, 120, cx_right_offset_px=12), far_px=-8, near_px=10, window=WINDOW, noise=3
+)
 CONFIGURATIONS = [("bm", True), ("bm", False), ("sgbm", True), ("sgbm", False)]
 NEAR_M = 0.5
 
@@ -83,7 +86,11 @@ def regions(draw: st.DrawFn) -> Region:
     return Region(u0=u0, v0=v0, u1=draw(st.integers(u0 + 1, 240)), v1=draw(st.integers(v0 + 1, 120)))
 
 
-@given(region=regions(), frame=st.sampled_from([FRAME, ODD_FRAME]), resolution=st.sampled_from(["full", "half"]))
+@given(
+    region=regions(),
+    frame=st.sampled_from([FRAME, ODD_FRAME, CROSSING_FRAME]),
+    resolution=st.sampled_from(["full", "half"]),
+)
 @example(region=Region(u0=0, v0=42, u1=37, v1=119), frame=FRAME, resolution="half")  # an odd number of rows
 def test_a_block_match_in_a_region_is_that_of_the_whole_frame(region, frame, resolution):
     """Without what looks beyond a block: speckles, the way back from the right view, the filter."""
