@@ -88,7 +88,10 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
             raise VfoaError(
                 f"{where}: images in {encodings}, which is not read; expected {READ}: found {listed(unread)}"
             )
-        raise VfoaError(f"{where}: no image topics; found {listed(everything)}")
+        raise VfoaError(
+            f"{where}: no image topics; found {listed(everything)}; expected images or, of bodies without images, "
+            "PoseStamped or TransformStamped of each, or /tf (a PoseArray does not name its poses)"
+        )
     if left is not None and right is not None:
         return named(images, left, "left", where), named(images, right, "right", where)
     pairs = _best_of_each_rig(_pairs(images, left, right))

@@ -336,6 +336,18 @@ def test_clocks_that_differ_are_noted(tmp_path: Path) -> None:
     assert (len(clip.frames), [note for note in clip.notes if "begins" in note]) == (3, [])
 
 
+def test_poses_without_names_say_what_to_record(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        poses = POSE_STAMPED.replace("geometry_msgs/Pose pose", "geometry_msgs/Pose[] poses")
+        schema = writer.register_msgdef("geometry_msgs/msg/PoseArray", f"{poses}{HEADER}")
+        message = {"header": {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": "map"}, "poses": []}
+        writer.write_message("/people", schema, message, START_NS, START_NS)
+        writer.finish()
+    with pytest.raises(VfoaError, match=r"a\.mcap: no image topics; found /people .*expected .*PoseStamped.*PoseArray"):
+        add_clip(tmp_path / "a.mcap")
+
+
 def test_a_genuine_robot_stands_where_its_localisation_says(shared_data: Path) -> None:
     """Its program dates transforms ahead of /amcl_pose: the robot drives some cm meanwhile."""
     path = shared_data / "mcap" / "no_image_topics.mcap"
