@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +52,17 @@ class TrueHeadPose(Seen):
 class TrueGaze(Seen):
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze:
         return Gaze(direction=self.direction)
+
+
+def renamed(instances: Instances, other: Mapping[int, int]) -> Instances:
+    """The same instances under other ids, by those that they have."""
+    table = np.zeros(max(*other, *other.values()) + 1, np.uint16)
+    table[list(other)] = list(other.values())
+    return replace(
+        instances,
+        ids=table[instances.ids],
+        instances=tuple(replace(each, id=other[each.id]) for each in instances.instances),
+    )
 
 
 def true_percepts() -> Percepts:

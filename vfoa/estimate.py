@@ -64,8 +64,11 @@ class Estimate:
 
     @property
     def target_names(self) -> Mapping[int, str]:
-        """Names of the targets by instance id: the label, with a number where several have the same one (``cup 2``)."""
-        instances = [target.instance for target in self.result.scene.targets]
+        """Names of the targets by instance id: the label, with a number where several have the same one (``cup 2``).
+
+        The numbers go by the ids, which :meth:`vfoa.estimator.Estimator.follow` keeps from frame to frame.
+        """
+        instances = sorted((target.instance for target in self.result.scene.targets), key=lambda instance: instance.id)
         alike = Counter(instance.label for instance in instances)
         seen: Counter[str] = Counter()
         names = {}

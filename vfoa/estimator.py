@@ -16,6 +16,7 @@ import vfoa.stereo
 from vfoa.config import STEPS, check_immediate, dotted_tables, is_in_region, read_steps
 from vfoa.errors import VfoaError
 from vfoa.estimate import Estimate
+from vfoa.instance_tracking import InstanceTracker
 from vfoa.pipeline import Attending, AttendSettings, Stages, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
@@ -145,16 +146,20 @@ class Estimator:
         return self.follow(rig).step(left, right)
 
     def follow(self, rig: StereoRig) -> Follower:
-        """Begin a sequence of frames: people keep their numbers, and the settings may filter their gaze."""
+        """Begin a sequence of frames: people and objects keep their numbers, and the settings may filter the gaze."""
         return Follower(self, rig)
 
 
 class Follower:
-    """Follows people over the frames of one sequence and holds the memory. Made by :meth:`Estimator.follow`."""
+    """Follows people and objects over the frames of one sequence, and holds the memory.
+
+    Made by :meth:`Estimator.follow`.
+    """
 
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
         self._tracker, self._attending = Tracker(estimator.attend.tracking), Attending(estimator.attend)
+        self._instances = InstanceTracker()
         self._frames = 0
         self._time_ns: int | None = None
         self._stages, every = estimator.stages, estimator.key_frames.every
@@ -188,6 +193,7 @@ class Follower:
         except ValueError as error:
             raise VfoaError(f"frame {self._frames}: {error}") from None
         percepts = perceive(frame, self._stages)
+        percepts = self._instances.step(percepts.instances).renumber(percepts)
         scene = reconstruct(percepts, estimator.reconstruction)
         (result,) = self._attending.step(scene, self._tracker.step(scene.people))
         self._frames, self._time_ns = self._frames + 1, now_ns

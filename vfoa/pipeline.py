@@ -3,12 +3,14 @@
 perceive     images -> percepts: disparity, instances, heads, head poses, gazes. Stateless, slow, cached.
              Shapes that a person drew join the instances and heads of the models, and are cut out by depth.
 reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
-follow       heads -> tracks: :class:`vfoa.tracking.Tracker`. Ordered, with a memory.
+follow       heads -> tracks: :class:`vfoa.tracking.Tracker`; instances -> the same ones under lasting numbers:
+             :class:`vfoa.instance_tracking.InstanceTracker`. Ordered, with a memory.
 attend       scenes and tracks -> results: filtered cues, attention by a method. Ordered, with a memory, and cheap.
 
-The first two run out of order and in parallel; configurations that differ in attention repeat only the last. A
-temporal gaze model needs the neighbouring frames: perceive keeps its crops, and a
-:class:`vfoa.gaze.temporal.HeadWindow` adds the gazes, in order.
+The first two run out of order and in parallel; configurations that differ in attention repeat only the last.
+Instances are numbered before they are reconstructed, as the scene's targets have these numbers. A temporal gaze model
+needs the neighbouring frames: perceive keeps its crops, and a :class:`vfoa.gaze.temporal.HeadWindow` adds the gazes, in
+order.
 """
 
 from __future__ import annotations

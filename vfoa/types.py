@@ -193,6 +193,7 @@ class Instance:
 
     ``id`` is its value in :attr:`Instances.ids`; ``category_id`` is the source's own number for ``label``. ``name`` is
     set if the source knows it, as for a drawn shape. None: the manifest's rules on labels and places give the name.
+    ``keeps_id`` says that the source gives this object the same id in every frame.
     """
 
     id: int
@@ -201,6 +202,7 @@ class Instance:
     is_thing: bool
     score: float
     name: str | None = None
+    keeps_id: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

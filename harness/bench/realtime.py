@@ -18,6 +18,7 @@ from harness.report.formats import UNKNOWN, Table
 from harness.run.executors import compute_with
 from harness.run.experiment import load_experiment
 from vfoa.errors import VfoaError
+from vfoa.instance_tracking import InstanceTracker
 from vfoa.onnx import Provider
 from vfoa.pipeline import Attending, Stages, perceive, reconstruct
 from vfoa.tracking import Tracker
@@ -202,8 +203,9 @@ def _measure(row: SpeedRow, manifest: ClipManifest, configuration: Configuration
 def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Float:
     """The time and the CPU time at the end of each frame, seconds (2, n)."""
     tracker, attending = Tracker(configuration.attend.tracking), Attending(configuration.attend)
-    ends = []
-    for percepts in perceived:
+    instances, ends = InstanceTracker(), []
+    for found in perceived:
+        percepts = instances.step(found.instances).renumber(found)
         scene = reconstruct(percepts, configuration.reconstruction)
         attending.step(scene, tracker.step(scene.people))
         ends.append((time.perf_counter(), time.process_time()))

@@ -141,8 +141,9 @@ class TruthSegmenter(_OfTruth):
     needed_by = 'segmentation.model = "truth"'
 
     def segment(self, frame: StereoFrame) -> Instances:
-        """The true instances of the frame."""
-        return self._truth.instances(frame.index)
+        """The true instances of the frame, which have the same ids in every frame."""
+        true = self._truth.instances(frame.index)
+        return replace(true, instances=tuple(replace(each, keeps_id=True) for each in true.instances))
 
 
 class TruthHeads(_OfTruth):

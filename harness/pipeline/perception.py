@@ -31,6 +31,7 @@ from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze import TemporalGazeModel
 from vfoa.gaze.temporal import HeadWindow, with_gazes
+from vfoa.instance_tracking import InstanceTracker, Numbered
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.tracking import Tracked, Tracker
@@ -81,6 +82,7 @@ class _Group:
     """The stages that some configurations have in common, and what each of these follows and names people with."""
 
     stages: Stages
+    instances: InstanceTracker
     names: list[str] = field(default_factory=list)
     trackers: dict[str, Tracker] = field(default_factory=dict)
     namers: dict[str, Namer] = field(default_factory=dict)
@@ -130,6 +132,7 @@ class Perception:
         self._drawings: dict[DrawnSettings, StageRunner] = {}
         self._groups: dict[tuple[object, ...], _Group] = {}
         self._group_of: dict[str, _Group] = {}
+        self._instances: dict[tuple[object, ...], InstanceTracker] = {}
         self._trackers: dict[tuple[object, ...], Tracker] = {}
         self._namers: dict[tuple[object, ...], Namer] = {}
         self._windows: dict[tuple[object, ...], HeadWindow] = {}
@@ -175,6 +178,7 @@ class Perception:
 
     def _perceive(self, frame: StereoFrame, decode_s: float) -> _Perceived:
         perceived: dict[_Group, tuple[Percepts, Timings]] = {}
+        numbered: dict[InstanceTracker, tuple[Numbered, float]] = {}
         tracks: dict[Tracker, tuple[Tracked, float]] = {}
         fed: set[HeadWindow] = set()
         self._memo.outputs = {}
@@ -184,6 +188,11 @@ class Perception:
                 with self._isolated(names, frame.index):
                     self._memo.timings = {}
                     percepts = perceive(frame, group.stages, executor=self._heads_thread)
+                    if group.instances not in numbered:
+                        numbered[group.instances] = _number(percepts, group.instances)
+                    instances, seconds = numbered[group.instances]
+                    self._memo.charge("tracking", seconds)
+                    percepts = instances.renumber(percepts)
                     perceived[group] = percepts, self._memo.timings
                     for name in names:
                         tracker, window = group.trackers[name], group.windows.get(name)
@@ -275,7 +284,9 @@ class Perception:
         with_gaze, with_depth = (*seen, keys["gaze"]), (*seen, keys["stereo"], configuration.reconstruction)
         if temporal and with_gaze not in self._windows:
             self._windows[with_gaze] = HeadWindow(gaze, self._clip.rate_hz)
-        group = self._groups.setdefault((*keys.values(), drawn), _Group(stages))
+        masks = (keys["segmentation"], drawn, drawing and keys["stereo"])  # drawn shapes are cut out by depth
+        instances = self._instances.setdefault(masks, InstanceTracker())
+        group = self._groups.setdefault((*keys.values(), drawn), _Group(stages, instances))
         name = configuration.name
         group.names.append(name)
         group.trackers[name] = self._trackers.setdefault(seen, Tracker(configuration.attend.tracking))
@@ -300,6 +311,14 @@ class Perception:
             shapes = self._drawn.shapes(settings)
             self._drawings[settings] = StageRunner(shapes, slot="segmentation", name="drawn", memo=self._memo)
         return self._drawings[settings]
+
+
+def _number(percepts: Percepts, tracker: InstanceTracker) -> tuple[Numbered, float]:
+    """The instances under the numbers that they had before, and the seconds that it took."""
+    seconds: Timings = {}
+    with timed(seconds, "tracking"):
+        numbered = guarded("tracking", tracker.step, percepts.instances)
+    return numbered, seconds["tracking"]
 
 
 def _follow(percepts: Percepts, tracker: Tracker) -> tuple[Tracked, float]:

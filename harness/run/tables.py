@@ -70,7 +70,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
     },
     "instances": {
         **_of("clip", "scene"),
-        "instance_id": Column("int32", "Number of the object or person in the frame."),
+        "instance_id": Column("int32", "Number of the object or person; it is followed from frame to frame."),
         "name": Column("string", "The manifest's name, or `label#id`; may repeat."),
         "label": Column("string", "Class."),
         "own_name": Column("string?", "The source's own name, as of a drawn shape; null: it has none."),

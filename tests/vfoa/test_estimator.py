@@ -14,7 +14,7 @@ import pytest
 
 import vfoa
 from tests.repository import REPOSITORY
-from tests.true_stages import BOXES, EYES, FAR, NEAR, TrueGaze, true_percepts, true_stages
+from tests.true_stages import BOXES, EYES, FAR, NEAR, Seen, TrueGaze, renamed, true_percepts, true_stages
 from vfoa.bayes import BayesSettings
 from vfoa.estimate import Look
 from vfoa.estimator import DEFAULTS
@@ -23,7 +23,7 @@ from vfoa.logit import LogitSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.segmentation.key_frames import KeyFrameSettings
-from vfoa.types import Gaze, Head, HeadPose, NoAttention, Percepts, StereoFrame
+from vfoa.types import Gaze, Head, HeadPose, Instances, NoAttention, Percepts, StereoFrame
 
 PATCH = ReconstructionSettings(eyes="patch")
 BLACK = np.zeros((240, 400, 3), np.uint8)
@@ -84,6 +84,32 @@ def test_the_posterior_follows_with_and_without_times(percepts: Percepts) -> Non
     (look,) = [follower.step(BLACK, BLACK) for _ in range(5)][-1].looks
     assert look.target == estimator.estimate(BLACK, BLACK, percepts.rig).target_names[NEAR]
     assert 0 < look.attention <= 1
+
+
+class NumberedAnew(Seen):
+    """A segmenter whose ids are other ones in each frame."""
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        ids = [instance.id for instance in self.percepts.instances.instances]
+        by = frame.index % len(ids)
+        return renamed(self.percepts.instances, dict(zip(ids, ids[by:] + ids[:by], strict=True)))
+
+
+@pytest.mark.parametrize("settings", [LogitSettings, BayesSettings], ids=["logit", "bayes"])
+def test_what_is_remembered_of_objects_does_not_go_by_the_numbers_of_a_segmenter(
+    settings: type[LogitSettings | BayesSettings], percepts: Percepts
+) -> None:
+    method = "logit" if settings is LogitSettings else "bayes"
+    attend = AttendSettings(attention=settings.model_validate({"method": method}))
+    stages = true_stages(percepts, NEAR)
+    assert isinstance(stages.segmenter, Seen)
+    found = []
+    for segmenter in (stages.segmenter, NumberedAnew(**vars(stages.segmenter))):
+        estimator = vfoa.Estimator(replace(stages, segmenter=segmenter), reconstruction=PATCH, attend=attend)
+        follower = estimator.follow(percepts.rig)
+        found.append([look.values for _ in range(5) for look in follower.step(BLACK, BLACK).looks])
+    assert found[0] == found[1]
+    assert len(found[0]) == 5
 
 
 def test_a_method_that_needs_later_frames_is_refused(percepts: Percepts) -> None:

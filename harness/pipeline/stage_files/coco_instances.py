@@ -137,6 +137,7 @@ def _read(paths: tuple[Path, ...], digests: tuple[str, ...]) -> _InstanceMasks:
             is_thing=True,
             score=annotation.score,
             name=_name(annotation, spot),
+            keeps_id=bool(ids),
         )
         if instance.id in objects:
             raise VfoaError(f"{spot}: a second object with the track_id {annotation.track} in its image; expected one")

@@ -50,7 +50,8 @@ class CocoPanoptic:
         panoptic.json       images, annotations[].{file_name, segments_info[].{id, category_id}}, categories
         png/frame_0001.png  one per frame, of the left image's size; the digits are the clip's frame number
 
-    Ids that fit 16 bits stay unchanged; larger ones get the smallest free number, the same in every frame. Crowd
+    Ids that fit 16 bits stay unchanged; larger ones get the smallest free number, the same in every frame. An id is
+    that of one object in all frames, unless one has several categories: then each frame has ids of its own. Crowd
     regions and stuff that is not named do not become instances.
     """
 
@@ -112,6 +113,7 @@ class CocoPanoptic:
             is_thing=bool(category.isthing),
             score=segment.score,
             name=segment.name,
+            keeps_id=self._masks.keep_ids,
         )
 
 
@@ -154,7 +156,8 @@ _PACKED = np.dtype([("id", np.uint32), ("category_id", np.int64), ("iscrowd", np
 class _Masks:
     """The content of a file: the categories by id, the PNG files by frame below their folder, and the segments.
 
-    ``small`` are the 16-bit ids. Segments are packed: an hour of four objects has 360,000 of them.
+    ``small`` are the 16-bit ids; ``keep_ids`` says that each has one category in all
+    frames. Segments are packed: an hour of four objects has 360,000 of them.
     """
 
     def __init__(self, file: _PanopticFile, path: Path) -> None:
@@ -167,6 +170,8 @@ class _Masks:
         in_order = [by_name[name].segments_info for name in names.values()]
         every = [segment for segments in in_order for segment in segments]
         self.small = small_ids((segment.id for segment in every), str(path))
+        meanings = {(segment.id, segment.category_id) for segment in every}
+        self.keep_ids = len(meanings) == len({id_ for id_, _ in meanings})
         self._begins = np.cumsum([0, *map(len, in_order)])
         self._packed = np.fromiter(
             ((segment.id, segment.category_id, bool(segment.iscrowd), segment.score) for segment in every),

@@ -177,5 +177,6 @@ def _read_objects(path: Path, digest: str) -> tuple[dict[int, int], dict[int, In
                 is_thing=True,
                 score=1.0,
                 name=name or None,
+                keeps_id=True,
             )
     return small, objects

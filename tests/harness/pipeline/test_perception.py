@@ -4,6 +4,7 @@ Configurations that see the same people share their tracks and names."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -13,11 +14,14 @@ from typer.testing import CliRunner
 
 from harness.cli.clips import app
 from harness.clips.manifest import load_manifest
+from harness.pipeline.ground_truth import TruthSegmenter
 from harness.pipeline.perception import FollowedFrame, Perception, pose_frames
 from harness.run.experiment import load_experiment
 from harness.sources import MeasuredClip
 from tests.disk import write_text
 from tests.measured import measured_tables
+from tests.true_stages import renamed
+from vfoa.types import Instances, StereoFrame
 
 
 def test_head_models_beside_the_matcher_give_the_same_and_are_timed_all_the_same() -> None:
@@ -104,3 +108,36 @@ def test_people_are_followed_and_named_once_for_all_who_see_the_same(
         assert cones.names.targets.keys() == {target.instance.id for target in cones.scene.targets}
         assert all({"tracking", "decode"} <= each.timings.keys() for each in (cones, posterior, other))
     assert sorted(frames[0][0].names.subjects.values()) == sorted(load_manifest(clip).subjects)
+
+
+def test_a_segmenter_that_numbers_anew_in_each_frame_changes_no_object(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither its number, its automatic name and its person's instance, nor its box."""
+    configurations = load_experiment("demo", clips=("studio_talk",)).configurations[:2]
+
+    def objects() -> list[dict[str, dict[int, list[float]]]]:
+        found = []
+        for each in Perception(configurations, load_manifest("studio_talk").open()).frames(range(1, 5)):
+            for seen in each.by_configuration.values():
+                assert isinstance(seen, FollowedFrame)
+                of_people = {person.instance_id: [*map(float, person.eye_origin_left)] for person in seen.scene.people}
+                boxes = {
+                    target.instance.id: [*map(float, target.box.center_m)]
+                    for target in seen.scene.targets
+                    if target.box
+                }
+                found.append({"people": of_people, "boxes": boxes, "names": dict(seen.names.targets)})
+        return found
+
+    expected = objects()
+    known = TruthSegmenter.segment
+
+    def segment(stage: TruthSegmenter, frame: StereoFrame) -> Instances:
+        """The true instances, numbered by their places in an order that is another one in each frame."""
+        true = known(stage, frame)
+        ids = [instance.id for instance in true.instances]
+        by = frame.index - 1
+        anew = renamed(true, dict(zip(ids, ids[by:] + ids[:by], strict=True)))
+        return replace(anew, instances=tuple(replace(each, keeps_id=False) for each in anew.instances))
+
+    monkeypatch.setattr(TruthSegmenter, "segment", segment)
+    assert objects() == expected

@@ -1,0 +1,164 @@
+"""An object keeps its number whatever the segmenter numbers it, and the numbers of a long sequence stay small."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.true_stages import renamed, true_percepts
+from vfoa.instance_tracking import PATIENCE, SAME_OBJECT, InstanceTracker
+from vfoa.types import Instance, Instances
+
+SIZE = 60, 200
+
+
+def frame(
+    boxes: Mapping[int, tuple[int, int]],
+    labels: Mapping[int, str] | None = None,
+    names: Mapping[int, str] | None = None,
+    *,
+    keeps: bool = False,
+) -> Instances:
+    """Instances by id: a square of 20 px at (column, row), with a label, "cup" by default, and a name or none."""
+    ids = np.zeros(SIZE, np.uint16)
+    for number, (column, row) in boxes.items():
+        ids[row : row + 20, column : column + 20] = number
+    instances = tuple(
+        Instance(
+            id=number,
+            label=(labels or {}).get(number, "cup"),
+            category_id=47,
+            is_thing=True,
+            score=0.9,
+            name=(names or {}).get(number),
+            keeps_id=keeps,
+        )
+        for number in boxes
+    )
+    return Instances(ids=ids, instances=instances)
+
+
+def numbers(frames: Sequence[Instances]) -> list[dict[int, int]]:
+    """The number of each id, frame by frame."""
+    tracker = InstanceTracker()
+    return [dict(tracker.step(each).numbers) for each in frames]
+
+
+PLACES = [(5, 5), (60, 30), (110, 10), (170, 35)]
+
+
+@given(data=st.data(), count=st.integers(1, 4), steps=st.integers(2, 6))
+def test_objects_that_move_a_little_keep_the_numbers_of_the_first_frame(
+    data: st.DataObject, count: int, steps: int
+) -> None:
+    tracker, places = InstanceTracker(), PLACES[:count]
+    for step in range(steps):
+        order = data.draw(st.permutations(range(1, count + 1)))
+        labels = {number: ("cup", "bowl")[place % 2] for place, number in enumerate(order)}
+        if step == 0:
+            first = order
+        seen = frame(dict(zip(order, places, strict=True)), labels)
+        numbered = tracker.step(seen)
+        assert numbered.numbers == dict(zip(order, first, strict=True))
+        expected = np.zeros(SIZE, np.uint16)
+        for number, (column, row) in zip(first, places, strict=True):
+            expected[row : row + 20, column : column + 20] = number
+        assert np.array_equal(numbered.instances.ids, expected)
+        assert [each.label for each in numbered.instances.instances] == [each.label for each in seen.instances]
+        moves = [data.draw(st.tuples(st.integers(-4, 4), st.integers(-4, 4))) for _ in places]
+        places = [
+            (min(max(column + by, 0), 180), min(max(row + down, 0), 40))
+            for (column, row), (by, down) in zip(places, moves, strict=True)
+        ]
+
+
+def test_an_object_is_the_one_that_it_overlaps_most() -> None:
+    before, after = frame({1: (50, 20), 2: (75, 20)}), frame({1: (70, 20), 2: (48, 20)})
+    assert numbers([before, after]) == [{1: 1, 2: 2}, {2: 1, 1: 2}]
+
+
+@pytest.mark.parametrize(("by", "is_same"), [(10, True), (11, False)])
+def test_masks_of_two_frames_are_one_object_if_they_overlap_enough(by: int, is_same: bool) -> None:
+    share = (20 - by) / (20 + by)
+    assert (share >= SAME_OBJECT) == is_same
+    another = {2: (150, 30)}  # two cups: neither is alone with its label
+    _, last = numbers([frame({1: (50, 20), **another}), frame({1: (50 + by, 20), **another})])
+    assert (last[1] == 1) == is_same
+
+
+def test_an_object_that_is_alone_with_its_label_is_the_same_wherever_it_is() -> None:
+    labels = {1: "cup", 2: "ball", 3: "cup"}
+    jumped = {2: "cup", 1: "ball", 3: "cup"}
+    frames = [
+        frame({1: (5, 5), 2: (40, 30), 3: (100, 5)}, labels),
+        frame({2: (5, 5), 1: (170, 30), 3: (100, 5)}, jumped),
+    ]
+    assert numbers(frames)[1] == {2: 1, 1: 2, 3: 3}
+
+
+def test_objects_of_different_labels_are_never_the_same() -> None:
+    frames = [frame({1: (50, 20)}, {1: "cup"}), frame({1: (50, 20)}, {1: "bowl"})]
+    assert numbers(frames) == [{1: 1}, {1: 2}]
+
+
+@pytest.mark.parametrize(("gap", "is_same"), [(PATIENCE, True), (PATIENCE + 1, False)])
+def test_an_object_may_be_missed_for_some_frames(gap: int, is_same: bool) -> None:
+    there, gone = frame({2: (50, 20), 1: (150, 30)}), frame({1: (150, 30)})
+    *_, last = numbers([there, *[gone] * gap, frame({7: (50, 20), 1: (150, 30)})])
+    assert (last[7] == 2) == is_same
+
+
+def test_numbers_of_objects_that_are_gone_are_given_again() -> None:
+    """There are 65,535: a segmenter that sees things for a frame each would have used them up after an hour."""
+    tracker = InstanceTracker()
+    used = {
+        number
+        for step in range(200)
+        for number in tracker.step(frame({1: (5, 5), 2: (60 + 20 * (step % 7), 40)})).numbers.values()
+    }
+    assert max(used) <= 3 + PATIENCE
+
+
+def test_an_object_with_a_name_is_known_by_it() -> None:
+    frames = [
+        frame({1: (50, 20), 2: (75, 20)}, names={1: "anna's", 2: "ben's"}),
+        frame({1: (50, 20), 2: (75, 20)}, names={1: "ben's", 2: "anna's"}),
+    ]
+    assert numbers(frames)[1] == {1: 2, 2: 1}
+
+
+def test_ids_that_the_source_keeps_stay_and_are_taken_by_nothing_else() -> None:
+    objects = frame({1: (50, 20), 2: (75, 20)}, keeps=True)
+    swapped = frame({1: (75, 20), 2: (50, 20)}, keeps=True)
+    assert numbers([objects, swapped]) == [{1: 1, 2: 2}] * 2
+    tracker = InstanceTracker()
+    tracker.step(frame({1: (5, 5)}))
+    together = Instances(
+        ids=objects.ids + frame({9: (5, 5)}).ids, instances=(*objects.instances, *frame({9: (5, 5)}).instances)
+    )
+    found = tracker.step(together).numbers
+    assert (found[1], found[2]) == (1, 2)
+    assert found[9] not in {1, 2}
+
+
+def test_another_size_begins_anew() -> None:
+    tracker = InstanceTracker()
+    tracker.step(frame({1: (50, 20), 2: (75, 20)}))
+    cut = frame({1: (75, 20), 2: (50, 20)})
+    assert tracker.step(Instances(ids=cut.ids[:, :150], instances=cut.instances)).numbers == {1: 1, 2: 2}
+
+
+def test_heads_have_the_numbers_of_their_people() -> None:
+    percepts = true_percepts()
+    ids = [instance.id for instance in percepts.instances.instances]
+    tracker = InstanceTracker()
+    assert tracker.step(percepts.instances).renumber(percepts) is percepts
+
+    other = dict(zip(ids, ids[1:] + ids[:1], strict=True))
+    numbered = tracker.step(renamed(percepts.instances, other))
+    assert numbered.numbers == {new: old for old, new in other.items()}
+    assert np.array_equal(numbered.instances.ids, percepts.instances.ids)

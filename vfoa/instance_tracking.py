@@ -1,0 +1,153 @@
+"""Which object is which from one frame to the next: instances keep their number while their masks overlap.
+
+A segmenter numbers the objects of a frame by itself, the surest first, so that an object has one number now and another
+one in the next frame. What is remembered of an object goes by its number: how long somebody looked at it, its box in
+the recording, its automatic name. So numbers are followed over the frames of a sequence, as heads are
+(:mod:`vfoa.tracking`), by the overlap of masks (intersection over union).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.types import HeadView, Instance, Instances, Percepts
+
+SAME_OBJECT = 0.3
+"""Least overlap of an object's masks in two frames."""
+PATIENCE = 5
+"""Longest gap of an object, in frames: after it, its number is free."""
+LONGER_SIDE = 480
+"""Masks are compared at every nth pixel, so that the longer side of the image has about as many."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """An object that is followed: its label and name (None: the source knows none), and the frames missed since."""
+
+    label: str
+    name: str | None
+    missed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Numbered:
+    """The instances of a frame under their lasting numbers, and these by the ids of the segmenter."""
+
+    instances: Instances
+    numbers: Mapping[int, int]
+
+    def renumber(self, percepts: Percepts) -> Percepts:
+        """The percepts that these instances belong to, under the same numbers."""
+        if percepts.instances is self.instances:
+            return percepts
+        views = tuple(_renumbered(view, self.numbers) for view in percepts.views)
+        return replace(percepts, instances=self.instances, views=views)
+
+
+class InstanceTracker:
+    """Follows the instances of one sequence, frame by frame.
+
+    In each frame, an instance is the object of its label whose last mask it overlaps most, the greatest overlap first.
+    One of a name of its own, such as a drawn shape, is the object of that name; one that is alone with its label, now
+    and before, is the same wherever it is. A new one keeps the segmenter's id if that is free, and takes the smallest
+    free number otherwise. Where the source keeps the ids (:attr:`vfoa.types.Instance.keeps_id`), so do the instances.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[int, _Known] = {}
+        self._last: NDArray[np.uint16] = np.zeros((0, 0), np.uint16)  # the number last seen at each pixel, 0: none
+
+    def step(self, instances: Instances) -> Numbered:
+        """Number the instances of the next frame."""
+        step = max(1, max(instances.ids.shape) // LONGER_SIDE)
+        ids = instances.ids[::step, ::step]
+        if ids.shape != self._last.shape:
+            self._known, self._last = {}, np.zeros(ids.shape, np.uint16)
+        numbers = {each.id: each.id for each in instances.instances if each.keeps_id}
+        followed = {each.id: each for each in instances.instances if not each.keeps_id}
+        known = {number: each for number, each in self._known.items() if number not in numbers.values()}
+        free = set(known)
+        for *_, number, id_ in sorted(_pairs(known, followed, self._last, ids)):
+            if id_ not in numbers and number in free:
+                numbers[id_] = number
+                free.remove(number)
+        numbers |= _new_numbers(followed.keys() - numbers.keys(), {*known, *numbers.values()})
+        self._remember(known, {numbers[id_]: each for id_, each in followed.items()}, _painted(ids, numbers))
+        return Numbered(_instances(instances, numbers), numbers)
+
+    def _remember(self, known: Mapping[int, _Known], seen: Mapping[int, Instance], numbers: NDArray[np.uint16]) -> None:
+        missed = {number: replace(each, missed=each.missed + 1) for number, each in known.items() if number not in seen}
+        gone = {number: each for number, each in missed.items() if each.missed <= PATIENCE}
+        self._known = gone | {number: _Known(each.label, each.name) for number, each in seen.items()}
+        self._last = np.where(numbers, numbers, _painted(self._last, dict(zip(gone, gone, strict=True))))
+
+
+def _pairs(
+    known: Mapping[int, _Known],
+    found: Mapping[int, Instance],
+    last: NDArray[np.uint16],
+    ids: NDArray[np.uint16],
+) -> Iterator[tuple[int, float, int, int]]:
+    """The objects that instances may be, the likeliest first when sorted: (kind, less overlap, number, id)."""
+    labels_known = Counter(each.label for each in known.values())
+    labels_found = Counter(each.label for each in found.values())
+    overlaps = _overlaps(last, ids)
+    for number, before in known.items():
+        for id_, now in found.items():
+            if before.label != now.label or (before.name and now.name and before.name != now.name):
+                continue
+            overlap = overlaps.get((number, id_), 0.0)
+            if before.name and before.name == now.name:
+                yield 0, -overlap, number, id_
+            elif overlap >= SAME_OBJECT:
+                yield 1, -overlap, number, id_
+            elif labels_known[now.label] == labels_found[now.label] == 1:
+                yield 2, -overlap, number, id_
+
+
+def _overlaps(last: NDArray[np.uint16], ids: NDArray[np.uint16]) -> dict[tuple[int, int], float]:
+    """Intersection over union of each number's last mask and each instance's mask that have a pixel in common."""
+    rows, columns = int(last.max(initial=0)) + 1, int(ids.max(initial=0)) + 1
+    pairs, pixels = np.unique(last.astype(np.int64) * columns + ids, return_counts=True)
+    number, id_ = np.divmod(pairs, columns)
+    areas = np.bincount(number, pixels, rows), np.bincount(id_, pixels, columns)
+    shares = pixels / (areas[0][number] + areas[1][id_] - pixels)
+    both = zip(number.tolist(), id_.tolist(), shares.tolist(), strict=True)
+    return {(before, now): share for before, now, share in both if before and now}
+
+
+def _new_numbers(ids: Iterable[int], taken: set[int]) -> dict[int, int]:
+    """A free number for each id: the id itself, or the smallest."""
+    own = {id_: id_ for id_ in ids if id_ not in taken}
+    free = (number for number in count(1) if number not in taken and number not in own)
+    return own | {id_: next(free) for id_ in sorted(set(ids) - own.keys())}
+
+
+def _painted(ids: NDArray[np.uint16], numbers: Mapping[int, int]) -> NDArray[np.uint16]:
+    """A map (H, W) of ids with the number of each; 0 for an id that has none."""
+    table = np.zeros(int(ids.max(initial=0)) + 1, np.uint16)
+    for id_, number in numbers.items():
+        if id_ < len(table):
+            table[id_] = number
+    return table[ids]
+
+
+def _instances(instances: Instances, numbers: Mapping[int, int]) -> Instances:
+    """The instances under their numbers; the same object if they are those that they had."""
+    if all(id_ == number for id_, number in numbers.items()):
+        return instances
+    named = tuple(replace(each, id=numbers[each.id]) for each in instances.instances)
+    return replace(instances, ids=_painted(instances.ids, numbers), instances=named)
+
+
+def _renumbered(view: HeadView, numbers: Mapping[int, int]) -> HeadView:
+    head = view.head
+    if head.instance_id is None:
+        return view
+    return replace(view, head=replace(head, instance_id=numbers.get(head.instance_id, head.instance_id)))
