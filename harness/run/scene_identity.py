@@ -69,7 +69,10 @@ def identities(
     return scene, directions
 
 
-_PLACED_BY = ("vfoa.reconstruction", "vfoa.tracking", "vfoa.drawn", "vfoa.visible", "harness.clips.naming")
+_PLACED_BY = (
+    *("vfoa.reconstruction", "vfoa.tracking", "vfoa.instance_tracking", "vfoa.drawn", "vfoa.visible"),
+    "harness.clips.naming",
+)
 """Code that decides the values of a scene, with all that it imports."""
 _WRITTEN_BY = (
     *("vfoa.pipeline", "harness.pipeline.perception", "harness.pipeline.drawn_stage", "harness.pipeline.measures"),
