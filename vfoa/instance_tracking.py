@@ -71,6 +71,8 @@ class InstanceTracker:
             self._known, self._last = {}, np.zeros(ids.shape, np.uint16)
         numbers = {each.id: each.id for each in instances.instances if each.keeps_id}
         followed = {each.id: each for each in instances.instances if not each.keeps_id}
+        if not followed and not self._known:
+            return Numbered(instances, numbers)
         known = {number: each for number, each in self._known.items() if number not in numbers.values()}
         free = set(known)
         for *_, number, id_ in sorted(_pairs(known, followed, self._last, ids)):
