@@ -4,7 +4,7 @@ The method is that of Simões and Moreno, "3D estimation of visual focus of atte
 
     import vfoa
 
-    estimator = vfoa.Estimator.open()                                    # the models of `vfoa run CLIP`
+    estimator = vfoa.Estimator.open()                                    # as `vfoa run CLIP`
     rig = vfoa.rectified_rig(left, fx_px=700, cx_px=640, cy_px=360, baseline_m=0.12)
     print(estimator.estimate(left, right, rig))                          # person 1 looks at cup ...
 

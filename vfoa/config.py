@@ -27,6 +27,9 @@ STEPS: Mapping[str, type[Settings]] = {
 }
 """The steps after perception, with the settings class of each; attention has that of its ``method``."""
 
+METHOD_OF_CLIP = {"attention.method": "logit"}
+"""The method of ``vfoa run CLIP``."""
+
 
 def dotted_tables(changes: Iterable[tuple[str, Any]], tables: Collection[str], where: str) -> dict[str, dict[str, Any]]:
     """Convert settings by dotted key to tables.

@@ -13,7 +13,7 @@ import vfoa.head_pose
 import vfoa.heads
 import vfoa.segmentation
 import vfoa.stereo
-from vfoa.config import STEPS, check_immediate, dotted_tables, is_in_region, read_steps
+from vfoa.config import METHOD_OF_CLIP, STEPS, check_immediate, dotted_tables, is_in_region, read_steps
 from vfoa.errors import VfoaError
 from vfoa.estimate import Estimate
 from vfoa.instance_tracking import InstanceTracker
@@ -34,8 +34,9 @@ DEFAULTS: Mapping[str, str] = {
     "heads.detector": "yunet",
     "head_pose.model": "3ddfa_v2",
     "gaze.model": "auto",
+    **METHOD_OF_CLIP,
 }
-"""The stages of ``vfoa run CLIP``."""
+"""The stages and the method of ``vfoa run CLIP``."""
 
 _REGISTRIES = {
     registry.kind: registry
@@ -71,7 +72,7 @@ class Estimator:
 
     Examples
     --------
-    >>> estimator = vfoa.Estimator.open({"stereo.matcher": "bm", "attention.cones_cm": [10, 25]})
+    >>> estimator = vfoa.Estimator.open({"stereo.matcher": "bm", "attention.method": "nearest"})
     >>> print(estimator.estimate(left, right, rig))
     person 1 looks at cup (attention 0.43), 1.21 m away
     """
@@ -92,7 +93,7 @@ class Estimator:
 
     @classmethod
     def open(cls, settings: Mapping[str, Any] | None = None) -> Self:
-        """Open the models of ``vfoa run CLIP``; ``settings`` changes values as ``--set`` does.
+        """Open the models and the method of ``vfoa run CLIP``; ``settings`` changes values as ``--set`` does.
 
         Parameters
         ----------

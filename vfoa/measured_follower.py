@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from vfoa.config import check_immediate, dotted_tables, read_steps
+from vfoa.config import METHOD_OF_CLIP, check_immediate, dotted_tables, read_steps
 from vfoa.errors import VfoaError, reported_as
 from vfoa.estimate import Look, looks_of
 from vfoa.measured import HEAD_SIZE_M, PERSON, Observed, box_around, box_of, target_of
@@ -28,7 +28,8 @@ class MeasuredFollower:
     ----------
     settings
         Values of ``attention``, ``gaze_filter`` and ``tracking`` by dotted key, such as
-        ``{"attention.method": "bayes"}``; ``vfoa settings`` prints every key.
+        ``{"attention.method": "bayes"}``; ``vfoa settings`` prints every key. The method is that of ``vfoa run CLIP``
+        if it is not given.
 
     Raises
     ------
@@ -37,7 +38,7 @@ class MeasuredFollower:
 
     Examples
     --------
-    >>> follower = vfoa.MeasuredFollower({"attention.cones_deg": [20]})
+    >>> follower = vfoa.MeasuredFollower({"attention.method": "cones", "attention.cones_deg": [20]})
     >>> anna = vfoa.Observed(eyes_m=[0, -0.4, 2], gaze=[0.5, 0.4, -1])
     >>> for look in follower.step({"anna": anna}, {"cup": [0.5, 0, 1]}):
     ...     print(look)
@@ -45,7 +46,9 @@ class MeasuredFollower:
     """
 
     def __init__(self, settings: Mapping[str, Any] | None = None) -> None:
-        tables = dotted_tables((settings or {}).items(), ("attention", "gaze_filter", "tracking"), "settings")
+        tables = dotted_tables(
+            {**METHOD_OF_CLIP, **(settings or {})}.items(), ("attention", "gaze_filter", "tracking"), "settings"
+        )
         _, attend = read_steps(tables, None, "settings")
         check_immediate(attend)
         self._tracker, self._attending = Tracker(attend.tracking), Attending(attend)

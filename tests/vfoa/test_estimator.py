@@ -201,9 +201,8 @@ def test_wrong_settings_are_one_line_that_names_them(settings: dict[str, object]
 def test_the_defaults_are_those_of_the_command_line() -> None:
     experiment = tomllib.loads((REPOSITORY / "harness/experiments/default.toml").read_text(encoding="utf-8"))
     (configuration,) = experiment["configuration"]
-    tables = {
-        key: value for key, value in configuration.items() if key not in ("name", "drawn")
-    }  # arrays are not drawn on
+    of_arrays = {key: value for key, value in configuration.items() if key not in ("name", "drawn")}
+    tables = {**experiment["defaults"], **of_arrays}
     assert {f"{table}.{key}": value for table, of in tables.items() for key, value in of.items()} == DEFAULTS
 
 

@@ -17,6 +17,7 @@ import vfoa.scoring
 from tests.measured import measured_tables, open_measured
 from vfoa.config import dotted_tables, read_steps
 from vfoa.errors import VfoaError
+from vfoa.estimator import DEFAULTS
 from vfoa.measured import Observed, box_of
 from vfoa.pipeline import Attending
 from vfoa.tracking import Tracker
@@ -51,7 +52,7 @@ def test_people_look_at_each_other_in_the_order_given() -> None:
 
 
 def test_a_person_may_have_a_box_and_leave() -> None:
-    follower = vfoa.MeasuredFollower()
+    follower = vfoa.MeasuredFollower({"attention.method": "cones"})
     anna = Observed(eyes_m=EYES, gaze=(1.0, 1.0, 0.0))
     body = box_of((1.0, 0.6, 2.0), (0.4, 1.6, 0.3))
     (seen, _) = follower.step({"anna": anna, "ben": Observed(eyes_m=(1.0, -0.4, 2.0))}, {"ben": body})
@@ -99,6 +100,15 @@ def test_a_time_before_that_of_the_last_frame_is_refused_and_changes_nothing() -
         assert looks == other.step(people, objects)
         with pytest.raises(VfoaError, match=f"time_ns: .*{frame * 40_000_000}"):
             follower.step(people, objects, time_ns=frame * 40_000_000)
+
+
+def test_the_default_is_the_method_of_a_clip() -> None:
+    def values(settings: dict[str, object]) -> list[dict[str, float]]:
+        follower = vfoa.MeasuredFollower(settings)
+        seen = {"anna": Observed(eyes_m=EYES, gaze=_at(CUP), head=_at(BOOK))}
+        return [dict(look.values) for _ in range(3) for look in follower.step(seen, {"cup": CUP, "book": BOOK})]
+
+    assert values({}) == values({"attention.method": DEFAULTS["attention.method"]})
 
 
 @pytest.mark.parametrize("method", ["bayes", "cones"])
