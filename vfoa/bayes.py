@@ -123,7 +123,7 @@ def infer_attentions(
 def smooth(window: Sequence[FrameResult], count: int, settings: BayesSettings) -> list[FrameResult]:
     """Return the first ``count`` frames of a window with every subject's probabilities given the later ones, too."""
 
-    def of_track(frames: list[tuple[FrameResult, Attention]]) -> Iterator[Attention]:
+    def of_person(frames: list[tuple[FrameResult, Attention]]) -> Iterator[Attention]:
         beliefs = [attention.belief for _, attention in frames]
         for (_, attention), belief, probabilities in zip(frames, beliefs, smoothed(beliefs), strict=True):
             yield _answer(
@@ -135,7 +135,7 @@ def smooth(window: Sequence[FrameResult], count: int, settings: BayesSettings) -
                 attention.fit,
             )
 
-    return revised(window, count, Belief, of_track)
+    return revised(window, count, Belief, of_person)
 
 
 def _infer(

@@ -305,13 +305,13 @@ def _observed(
 def weigh_again(window: Sequence[FrameResult], count: int, settings: LogitSettings) -> list[FrameResult]:
     """Return the first ``count`` frames of a window with every subject's attention given the later ones, too."""
 
-    def of_track(frames: list[tuple[FrameResult, Attention]]) -> Iterator[Attention]:
+    def of_person(frames: list[tuple[FrameResult, Attention]]) -> Iterator[Attention]:
         seen = [attention.belief for _, attention in frames]
         gaps_s = [seconds_between(*times) for times in pairwise(frame.scene.time_ns for frame, _ in frames)]
         for (_, attention), each, after in zip(frames, seen, later_means(seen, gaps_s), strict=True):
             yield _attention(attention.subject, each, settings.of_case(each.case, later=True), after)
 
-    return revised(window, count, FrameFeatures, of_track)
+    return revised(window, count, FrameFeatures, of_person)
 
 
 def target_probabilities(seen: FrameFeatures, weights: Weights, after: Float | None) -> Float:

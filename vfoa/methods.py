@@ -45,7 +45,7 @@ class AttentionMethod(Protocol[State]):
     """Says how much each subject looks at each target. Built as ``Class(settings)``, with ``Class.Settings``.
 
     A method may have a state of each person, from one frame to the next: any value that is not changed in place. The
-    caller keeps it with the person's track, and drops it when the track ends.
+    caller keeps it under the person's name, or with the track of a person without a name until the track ends.
     """
 
     @property
@@ -152,28 +152,33 @@ def answer_of(
     return Attention(subject=subject, values=values, focus=next(iter(first), None), tied=tuple(first[1:]), **details)
 
 
+def person_key(subject: Subject) -> int | str:
+    """What a person is remembered by: the name, which outlives tracks, or else the track."""
+    return subject.track_id if subject.name is None else subject.name
+
+
 def revised(
     window: Sequence[FrameResult],
     count: int,
     kind: type,
-    of_track: Callable[[list[tuple[FrameResult, Attention]]], Iterator[Attention]],
+    of_person: Callable[[list[tuple[FrameResult, Attention]]], Iterator[Attention]],
 ) -> list[FrameResult]:
     """Return the first ``count`` frames of a window with the attentions that have a ``belief`` of a kind revised.
 
-    ``of_track`` yields them from the attentions of a track in the whole window, in order; those of later frames are
+    ``of_person`` yields them from the attentions of a person in the whole window, in order; those of later frames are
     not asked for.
     """
-    tracks: dict[int, list[tuple[FrameResult, Attention]]] = {}
+    people: dict[int | str, list[tuple[FrameResult, Attention]]] = {}
     for frame in window:
         for attention in frame.attentions:
             if isinstance(attention.belief, kind):
-                tracks.setdefault(attention.subject.track_id, []).append((frame, attention))
-    later = {track: of_track(frames) for track, frames in tracks.items()}
+                people.setdefault(person_key(attention.subject), []).append((frame, attention))
+    later = {key: of_person(frames) for key, frames in people.items()}
     return [
         replace(
             frame,
             attentions=tuple(
-                next(later[attention.subject.track_id]) if isinstance(attention.belief, kind) else attention
+                next(later[person_key(attention.subject)]) if isinstance(attention.belief, kind) else attention
                 for attention in frame.attentions
             ),
         )

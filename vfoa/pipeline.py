@@ -38,6 +38,7 @@ from vfoa.methods import (
     RevisingMethod,
     look_ahead_s,
     open_method,
+    person_key,
 )
 from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
@@ -177,7 +178,7 @@ class Attending:
         self._method = open_method(settings.attention) if method is None else method
         self._look_ahead_s = look_ahead_s(self._method)
         self._gaze_filter = GazeFilterState()
-        self._states: dict[int, Any] = {}
+        self._states: dict[int | str, Any] = {}
         self._waiting: list[FrameResult] = []
 
     @property
@@ -217,18 +218,23 @@ class Attending:
             If the method does not answer for each subject in order, or does not revise each frame.
         """
         subjects, gaze_filter = self._subjects(scene, tracked, names, self._gaze_filter)
-        ids = [subject.track_id for subject in subjects]
-        before = tuple(self._states[track] if track in self._states else self._method.start() for track in ids)
+        before = tuple(map(self._state_of, subjects))
         attentions, after = self._method.attend(subjects, scene, before)
         _check_answers(subjects, attentions)
-        if len(after) != len(ids):
-            raise ValueError(f"{len(after)} states for {len(ids)} subjects; expected one of each, in their order")
-        states = {**self._states, **dict(zip(ids, after, strict=True))}
-        self._states = {track: state for track, state in states.items() if track in tracked.open}
+        if len(after) != len(subjects):
+            raise ValueError(f"{len(after)} states for {len(subjects)} subjects; expected one of each, in their order")
+        states = {**self._states, **dict(zip(map(person_key, subjects), after, strict=True))}
+        self._states = {key: state for key, state in states.items() if isinstance(key, str) or key in tracked.open}
         self._gaze_filter = gaze_filter
         self._waiting.append(FrameResult(scene=scene, attentions=tuple(attentions)))
         awaited = self._awaited() if self._look_ahead_s else 0
         return self._release(len(self._waiting) - awaited) if len(self._waiting) > 2 * awaited else []
+
+    def _state_of(self, subject: Subject) -> Any:
+        """The method's state of a person: that of the name, else that of the track before it was named, else none."""
+        known = (key for key in (subject.name, subject.track_id) if key in self._states)
+        key = next(known, None)
+        return self._method.start() if key is None else self._states[key]
 
     def _subjects(
         self, scene: Scene, tracked: Tracked, names: Mapping[int, str] | None, gaze_filter: GazeFilterState

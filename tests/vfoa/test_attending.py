@@ -276,3 +276,25 @@ def test_each_method_says_what_its_answers_are(method: MethodSettings, promised:
     opened = open_method(method)
     assert (opened.probabilistic, opened.says_nowhere, look_ahead_s(opened)) == promised
     assert np.isscalar(look_ahead_s(opened))
+
+
+@pytest.mark.parametrize("method", [bayes("forward"), bayes("both"), logit("forward"), logit("both")])
+def test_a_named_person_is_remembered_when_the_track_is_another_one(method: MethodSettings) -> None:
+    """A face that turns away is lost, and comes back as another track; the manifest's rules give it its name."""
+    gazes = [0.15] * 6
+    frames = scenes(gazes, [40_000_000 * i for i in range(6)])
+
+    def values(ids: Sequence[int], names: Sequence[str | None]) -> list[object]:
+        attending = Attending(AttendSettings(attention=method))
+        results: list[FrameResult] = []
+        for scene, track, name in zip(frames, ids, names, strict=True):
+            tracked = Tracked(ids=(track,), open=frozenset({track}))
+            results += attending.step(scene, tracked, {track: name} if name else None)
+        results += attending.finish()
+        return [[(value.instance_id, value.total) for value in each.attentions[0].values] for each in results]
+
+    followed = values([1] * 6, ["anna"] * 6)
+    assert values([1, 1, 1, 2, 2, 2], ["anna"] * 6) == followed
+    assert values([1] * 6, [None, "anna", *["anna"] * 4])[-1] == followed[-1]
+    assert values([1, 1, 1, 2, 2, 2], [None] * 6)[-1] != followed[-1]
+    assert values([1, 1, 1, 2, 2, 2], [*["anna"] * 3, *["ben"] * 3])[-1] != followed[-1]
