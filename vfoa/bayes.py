@@ -5,19 +5,22 @@ posterior/   the likelihood of the directions: their unknown error, how heads fo
 
 "Nowhere" is a hypothesis of its own: people who look at nothing look about where their head points, which is anywhere
 about where their body faces. A large target is not favoured: its density is spread over its visible part.
+
+A target that a frame misses is taken to be where it was, for as long as it keeps its number: a look at it goes on, and
+says nothing about the error of the directions. Until it is found again, its probability counts as that of nowhere.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from vfoa.geometry import sigma_rad
-from vfoa.methods import MethodSettings, answer_of, boxes_of_others, revised, seconds_between
+from vfoa.methods import MethodSettings, answer_of, boxes_of_others, frames_missed, revised, seconds_between
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered, smoothed, update
@@ -63,8 +66,33 @@ class BayesSettings(MethodSettings):
         return RAYS
 
 
-Held = tuple[Belief, int | None]
-"""A person's belief, and its time in nanoseconds (None: unknown)."""
+class Sights(NamedTuple):
+    """The targets of a frame, then those of the last frames that it misses; and the known eye origins (3,) of people.
+
+    ``missed`` are the frames since each was seen, by instance id, in the order of the targets.
+    """
+
+    targets: tuple[Target, ...] = ()
+    eyes: Mapping[int, Float] = {}
+    missed: Mapping[int, int] = {}
+
+    def then(self, subject: Subject, targets: tuple[Target, ...], eyes: Mapping[int, Float]) -> Sights:
+        """Return those of the next frame: without targets that have no box, and without the subject's own body."""
+        boxes = boxes_of_others(subject, targets)
+        missed = frames_missed(self.missed, boxes)
+        missed.pop(subject.person.instance_id or 0, None)
+        known = dict(zip(self.missed, self.targets, strict=True))
+        known |= {target.instance.id: target for target in targets if target.instance.id in boxes}
+        eyes = {number: place for number, place in {**self.eyes, **eyes}.items() if number in missed}
+        return Sights(tuple(known[number] for number in missed), eyes, missed)
+
+
+class HeldBelief(NamedTuple):
+    """A person's belief, its time in nanoseconds (None: unknown), and the targets that it is about."""
+
+    belief: Belief
+    time_ns: int | None = None
+    sights: Sights = Sights()
 
 
 class Posterior:
@@ -82,8 +110,8 @@ class Posterior:
         """No belief."""
 
     def attend(
-        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[Held | None, ...]
-    ) -> tuple[tuple[Attention, ...], tuple[Held | None, ...]]:
+        self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[HeldBelief | None, ...]
+    ) -> tuple[tuple[Attention, ...], tuple[HeldBelief | None, ...]]:
         """Compute every subject's attention in one frame: :func:`infer_attentions`."""
         return infer_attentions(subjects, scene.targets, states, self._settings, scene.time_ns)
 
@@ -95,29 +123,27 @@ class Posterior:
 def infer_attentions(
     subjects: tuple[Subject, ...],
     targets: tuple[Target, ...],
-    states: tuple[Held | None, ...],
+    states: tuple[HeldBelief | None, ...],
     settings: BayesSettings,
     time_ns: int | None = None,
-) -> tuple[tuple[Attention, ...], tuple[Held | None, ...]]:
+) -> tuple[tuple[Attention, ...], tuple[HeldBelief | None, ...]]:
     """Compute every subject's attention in one frame, and the belief that the next frame starts from.
 
     ``states`` are the subjects' beliefs so far, None for a person who has none. A frame without a belief leaves it as
     it was; with ``smoothing = "off"`` there never is one.
 
     ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
-    rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by their
-    precision. ``belief`` is the input of :func:`smooth`; ``fit`` says how well the directions fit the belief.
+    rest up to 1, also that of remembered targets, and the focus is None where that is the greatest. The total is
+    divided between the cues by their precision. ``belief`` is the input of :func:`smooth`; ``fit`` says how well the
+    directions fit the belief.
     """
     eyes = eyes_of(subjects)
-    attentions = tuple(
-        _infer(subject, targets, eyes, before, settings, time_ns)
-        for subject, before in zip(subjects, states, strict=True)
-    )
-    after = tuple(
-        before if attention.belief is None or settings.smoothing == "off" else (attention.belief, time_ns)
-        for attention, before in zip(attentions, states, strict=True)
-    )
-    return attentions, after
+    attentions, after = [], []
+    for subject, before in zip(subjects, states, strict=True):
+        attention, held = _infer(subject, targets, eyes, before, settings, time_ns)
+        attentions.append(attention)
+        after.append(before if held is None or settings.smoothing == "off" else held)
+    return tuple(attentions), tuple(after)
 
 
 def smooth(window: Sequence[FrameResult], count: int, settings: BayesSettings) -> list[FrameResult]:
@@ -142,16 +168,18 @@ def _infer(
     subject: Subject,
     targets: tuple[Target, ...],
     eyes: Mapping[int, Float],
-    before: Held | None,
+    before: HeldBelief | None,
     settings: BayesSettings,
     time_ns: int | None,
-) -> Attention:
+) -> tuple[Attention, HeldBelief | None]:
     found = believed(subject, targets, eyes, before, settings, time_ns)
     if isinstance(found, NoAttention):
-        return Attention(subject=subject, missing=found)
-    belief, cues = found
+        return Attention(subject=subject, missing=found), None
+    held, cues = found
+    belief = held.belief
     probabilities = answered(belief, belief.probabilities, settings.error)
-    return _answer(subject, boxes_of_others(subject, targets), belief, cues, probabilities, fit_of(belief, cues))
+    ids = boxes_of_others(subject, targets)
+    return _answer(subject, ids, belief, cues, probabilities, fit_of(belief, cues)), held
 
 
 def _answer(
@@ -165,7 +193,8 @@ def _answer(
     """The attention with these probabilities (T,) of the targets of the belief, for the targets ``ids``."""
     chance = dict(zip(belief.keys, probabilities.tolist(), strict=True))
     totals = {number: chance.get(number, 0.0) for number in ids}
-    return answer_of(subject, totals, chance[None], cue_shares(cues, belief), belief=belief, fit=fit)
+    nowhere = sum((probability for number, probability in chance.items() if number not in totals), 0.0)
+    return answer_of(subject, totals, nowhere, cue_shares(cues, belief), belief=belief, fit=fit)
 
 
 _RECENT: Recent[Belief] = Recent(16)
@@ -176,11 +205,11 @@ def believed(
     subject: Subject,
     targets: tuple[Target, ...],
     eyes: Mapping[int, Float],
-    before: Held | None,
+    before: HeldBelief | None,
     settings: BayesSettings,
     time_ns: int | None,
-) -> tuple[Belief, MeasuredCues] | NoAttention:
-    """Return the belief about a subject after a frame, and the cues that it follows from; or why there is none.
+) -> tuple[HeldBelief, MeasuredCues] | NoAttention:
+    """Return what is held of a subject after a frame, and the cues that it follows from; or why there is no belief.
 
     Targets are their clouds if any of them has one, and their boxes otherwise (:func:`vfoa.visible.visible_targets`).
     """
@@ -190,20 +219,20 @@ def believed(
     if subject.gaze is None and subject.head_pose is None:
         return NoAttention.NO_DIRECTION
     cues = measured_cues(subject, settings)
-    boxes = boxes_of_others(subject, targets)
-    others = tuple(target for target in targets if target.instance.id in boxes)
-    visible = visible_targets(origin, others, eyes, clouds=True)
+    last, last_ns, known = before or (None, None, Sights())
+    sights = known.then(subject, targets, eyes)
+    visible = visible_targets(origin, sights.targets, sights.eyes, clouds=True)
     scenery = Scenery(
         keys=(*visible.ids, None),
         directions=visible.directions,
         variances=visible.variances,
         to_camera=-origin / distance if (distance := math.hypot(*origin.tolist())) else np.array([0.0, 0.0, -1.0]),
     )
-    last, last_ns = before or (None, None)
     dt_s = seconds_between(last_ns, time_ns)
     measured = tuple(None if cue is None else cue.tobytes() for cue in (cues.gaze, cues.head))
     asked = *measured, cues.gaze_sigma_rad, cues.head_sigma_rad, dt_s, settings.error
-    return _RECENT.get((visible, last), asked, lambda: update(last, scenery, cues, dt_s, settings.error)), cues
+    belief = _RECENT.get((visible, last), asked, lambda: update(last, scenery, cues, dt_s, settings.error))
+    return HeldBelief(belief, time_ns, sights), cues
 
 
 def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues:

@@ -24,7 +24,7 @@ from typing import Literal, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from vfoa.bayes import BayesSettings, Held, believed, eyes_of
+from vfoa.bayes import BayesSettings, HeldBelief, believed, eyes_of
 from vfoa.errors import VfoaError
 from vfoa.logit_cues import (
     LOGIT_CUES,
@@ -186,7 +186,7 @@ class Remembered(NamedTuple):
     """What a person's frames leave for the next one: the running means, and the posterior's belief with its time."""
 
     means: Means = Means()
-    held: Held | None = None
+    held: HeldBelief | None = None
 
 
 _POSTERIOR = BayesSettings(method="bayes")
@@ -269,10 +269,11 @@ def weigh_attentions(
             attentions.append(Attention(subject=subject, missing=found))
             after.append(before)
             continue
-        belief, cues = found
+        held, cues = found
+        belief = held.belief
         seen, means = _observed(subject, targets, eyes, before.means, belief, cues, time_ns)
         attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
-        after.append(Remembered(means, (belief, time_ns)))
+        after.append(Remembered(means, held))
     return tuple(attentions), tuple(after)
 
 

@@ -29,7 +29,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from vfoa.geometry import NEAREST_M, left_from_crop, length_of, lowered, outlines, stacked
-from vfoa.methods import boxes_of_others
+from vfoa.methods import boxes_of_others, frames_missed
 from vfoa.types import Box3D, DirectionFit, Float, Subject, Target
 from vfoa.visible import FACE_RADIUS_M
 
@@ -64,10 +64,13 @@ ROWS: Mapping[Case, tuple[int, ...]] = {"both": (0, 1, 2, 3, 4, 5), "gaze": (0, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Means:
-    """The running means of one track: a sum of the heads (3,), and sums and weights (2, C, T) of f of ``ids``."""
+    """The running means of one track: a sum of the heads (3,), and sums and weights (2, C, T) of f.
+
+    ``missed`` are the frames since each target was seen, by instance id, in the order of the columns.
+    """
 
     time_ns: int | None = None
-    ids: tuple[int, ...] = ()
+    missed: Mapping[int, int] = field(default_factory=dict)
     head: Float = field(default_factory=lambda: np.zeros(3))
     sums: Float = field(default_factory=lambda: np.zeros((2, len(LOGIT_CUES), 0)))
 
@@ -134,18 +137,18 @@ def observe(
     ids = shapes.ids
     chance = np.array([posterior.chances.get(number, 0.0) for number in ids])
     now = np.concatenate([angles, [_overlap(cues[2], shapes), _odds_of_nowhere(chance)]])
-    sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
+    missed, sums = _continued(means.missed, _decay(dt_s) * means.sums, ids, now)
     size = np.log(shapes.radius_rad)
     seen = FrameFeatures(
         case=case,
         ids=ids,
         now=now,
-        before=_mean(sums),
+        before=_mean(sums)[:, : len(ids)],
         log_size=size,
         shares=posterior.shares,
         fit=posterior.fit,
     )
-    return seen, Means(time_ns=time_ns, ids=ids, head=head_sum, sums=sums)
+    return seen, Means(time_ns=time_ns, missed=missed, head=head_sum, sums=sums)
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,10 +235,19 @@ def _decay(gap_s: float) -> Float:
     return np.exp(-gap_s / MEAN_S)[:, None]
 
 
-def _added(sums: Float, now: Float) -> Float:
-    """The sums and weights (2, C, T) with another frame's values; unknown ones do not count."""
+def _continued(
+    missed: Mapping[int, int], sums: Float, ids: tuple[int, ...], now: Float
+) -> tuple[Mapping[int, int], Float]:
+    """The sums and weights (2, C, T') with the values (C, T) of the next frame's targets; unknown ones do not count.
+
+    ``missed`` has the frames since the target of each column was seen. The frame's targets come first in the result.
+    """
+    after = frames_missed(missed, ids)
+    continued = _of((*after,), (*missed,), sums).copy()
     known = np.isfinite(now)
-    return sums + np.array([np.where(known, now, 0.0), known])
+    added = np.array([np.where(known, now, 0.0), known])
+    continued[..., : len(ids)] += added
+    return after, continued
 
 
 def _mean(sums: Float) -> Float:
@@ -261,12 +273,10 @@ def _of(ids: tuple[int, ...], known: tuple[int, ...], values: Float) -> Float:
 def later_means(seen: Sequence[FrameFeatures], gaps_s: Sequence[float]) -> list[Float]:
     """Means (C, T) of f from each frame on; ``gaps_s`` are the times from each frame to the next."""
     means: list[Float] = []
-    ids: tuple[int, ...] = ()
-    sums = Means().sums
+    missed, sums = Means().missed, Means().sums
     for frame, gap_s in zip(reversed(seen), reversed([*gaps_s, 0.0]), strict=True):
-        sums = _added(_decay(gap_s) * _of(frame.ids, ids, sums), frame.now)
-        ids = frame.ids
-        means.append(_mean(sums))
+        missed, sums = _continued(missed, _decay(gap_s) * sums, frame.ids, frame.now)
+        means.append(_mean(sums)[:, : len(frame.ids)])
     return means[::-1]
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol, Self, TypeVar
 
+from vfoa.instance_tracking import PATIENCE
 from vfoa.registry import Registry
 from vfoa.settings import Settings
 from vfoa.types import Attention, Box3D, FrameResult, Scene, Subject, Target, TargetAttention
@@ -118,6 +119,15 @@ def seconds_between(before_ns: int | None, now_ns: int | None) -> float:
     if before_ns is None or now_ns is None or now_ns <= before_ns:
         return FRAME_S
     return (now_ns - before_ns) / 1e9
+
+
+def frames_missed(before: Mapping[int, int], seen: Iterable[int]) -> dict[int, int]:
+    """Return the frames since each target was seen, by instance id: of those seen now, then of those missed so far.
+
+    A target is remembered as long as it keeps its number.
+    """
+    now = dict.fromkeys(seen, 0)
+    return now | {number: missed + 1 for number, missed in before.items() if number not in now and missed < PATIENCE}
 
 
 def look_ahead_s(method: AttentionMethod[Any]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +12,15 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tests.scenes import make_box, make_subject, make_target, random_room, with_points
-from vfoa.bayes import BayesSettings, infer_attentions
+from vfoa.bayes import BayesSettings, infer_attentions, smooth
 from vfoa.geometry import sigma_rad
+from vfoa.instance_tracking import PATIENCE
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.posterior.cues import ELSEWHERE_DEG
 from vfoa.posterior.kalman import TAILS
 from vfoa.posterior.looks import P_NOWHERE
 from vfoa.tracking import Tracked
-from vfoa.types import NoAttention, Scene
+from vfoa.types import Attention, FrameResult, NoAttention, Scene, Target
 from vfoa.visible import FACE_RADIUS_M
 
 BAYES = BayesSettings(method="bayes", error="told", smoothing="off", gaze_error_deg=10.0)
@@ -167,9 +169,65 @@ def test_targets_that_come_and_go_are_known_by_their_ids():
     one, other = make_target(1, make_box((-0.3, 0, 2))), make_target(2, make_box((0.3, 0, 2)))
     subject = make_subject(gaze=(0.15, 0, 1))
     states = (None,)
-    for targets in ((one,), (other, one), (other,), (one, other)):
+    for targets in ((other,), (other, one), (other,), (one, other)):
         (attention,), states = infer_attentions((subject,), targets, states, SMOOTHED)
     assert attention.focus == 2
+
+
+LEFT, RIGHT = make_target(1, make_box((-0.3, 0, 2))), make_target(2, make_box((0.3, 0, 2)))
+
+
+def looked_at_left(misses: Sequence[Sequence[Target]], settings: BayesSettings = SMOOTHED) -> list[Attention]:
+    """The answers in the last frames, which see these targets, while the gaze stays a little beside the left one."""
+    subject, states, found = make_subject(gaze=(-0.1, 0, 1)), (None,), []
+    for targets in [(LEFT, RIGHT)] * 10 + [*misses]:
+        (attention,), states = infer_attentions((subject,), tuple(targets), states, settings)
+        found.append(attention)
+    return found[10:]
+
+
+@pytest.mark.parametrize("gap", [1, 3, PATIENCE])
+def test_a_look_at_a_target_that_some_frames_miss_goes_on(gap: int) -> None:
+    *missed, back = looked_at_left([[RIGHT]] * gap + [[RIGHT, LEFT]])
+    seen = looked_at_left([[LEFT, RIGHT]] * (gap + 1))[-1]
+    assert totals(back) == pytest.approx(totals(seen), abs=1e-9)
+    for attention in missed:
+        assert attention.focus is None  # the target is not among those found, and no other one is looked at
+        assert totals(attention)[2] < 0.05
+
+
+def test_a_target_that_was_missed_for_longer_is_forgotten() -> None:
+    *_, last = looked_at_left([[RIGHT]] * (PATIENCE + 1))
+    assert last.belief.keys == (2, None)
+
+
+def test_later_frames_count_beyond_a_frame_that_misses_the_target() -> None:
+    def smoothed(second: Sequence[Target]) -> list[Attention]:
+        subject, states, window = make_subject(gaze=(-0.1, 0, 1)), (None,), []
+        for number, seen in enumerate([(LEFT, RIGHT), tuple(second), (RIGHT, LEFT), (LEFT, RIGHT)]):
+            attentions, states = infer_attentions((subject,), seen, states, SMOOTHED)
+            scene = Scene(index=number, time_ns=number, targets=seen, people=(subject.person,))
+            window.append(FrameResult(scene=scene, attentions=attentions))
+        return [frame.attentions[0] for frame in smooth(window, len(window), SMOOTHED)]
+
+    complete, missing = smoothed([LEFT, RIGHT]), smoothed([RIGHT])
+    for number, (expected, found) in enumerate(zip(complete, missing, strict=True)):
+        seen = {2} if number == 1 else {1, 2}
+        assert totals(found) == pytest.approx({key: totals(expected)[key] for key in seen})
+    assert missing[1].focus is None
+
+
+def test_a_face_stays_where_it_was_while_its_head_is_missed() -> None:
+    looker, face = make_subject(gaze=(0, 0, 1)), (0.0, 0.0, 2.0)
+    other = make_subject(eyes=face, instance_id=7)
+    body = make_target(7, make_box((0, 0.7, 2), (0.2, 0.8, 0.2)))
+    found = []
+    for subjects in ((looker, other), (looker,)):
+        states = (None,) * len(subjects)
+        (_, *_), states = infer_attentions((looker, other), (body,), (None, None), SMOOTHED)
+        (attention, *_), _ = infer_attentions(subjects, (body,), states[: len(subjects)], SMOOTHED)
+        found.append(totals(attention)[7])
+    assert found[0] == pytest.approx(found[1])
 
 
 def test_the_pipeline_carries_beliefs_from_frame_to_frame():

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.scenes import entry_distance
-from vfoa.bayes import BayesSettings, Held, infer_attentions
+from vfoa.bayes import BayesSettings, HeldBelief, infer_attentions
 from vfoa.geometry import perturb
+from vfoa.instance_tracking import PATIENCE
 from vfoa.logit import (
     LogitSettings,
     Remembered,
@@ -110,6 +111,25 @@ def test_an_earlier_look_counts_less_the_longer_ago_it_is() -> None:
         return float(seen.before[0, 0] / seen.now[0, 0])
 
     assert before_after(0.1) < before_after(1.0) < before_after(30.0) == pytest.approx(1.0)
+
+
+def test_means_of_a_target_go_on_beyond_frames_that_miss_it() -> None:
+    def frames(gap: int) -> list[FrameFeatures]:
+        """A look to the left, a frame that misses this target ``gap`` times, and a look to the right."""
+        rows = [(LEFT, TARGETS), *[(RIGHT, TARGETS[1:])] * gap, (RIGHT, TARGETS)]
+        found, means = [], Means()
+        for gaze, targets in rows:
+            seen, means = observe(looking(gaze, gaze), targets, {}, means, 0.01, by_posterior(targets))
+            found.append(seen)
+        return found
+
+    for gap in (1, PATIENCE):
+        first, *_, last = seen = frames(gap)
+        for frame, other, mean in ((last, first, last.before), (first, last, later_means(seen, [0.01] * (gap + 1))[0])):
+            weight = np.exp(-0.01 * (gap + 1) / 0.3)
+            expected = (frame.now[0, 0] + weight * other.now[0, 0]) / (1 + weight)
+            assert mean[0, 0] == pytest.approx(expected)
+    assert frames(PATIENCE + 1)[-1].before[0, 0] == pytest.approx(frames(0)[-1].now[0, 0])
 
 
 def cues_of(head: Float, target: Target, eyes: dict[int, Float] | None = None) -> dict[str, float]:
@@ -219,7 +239,7 @@ def test_without_labels_directions_are_judged_as_by_the_posterior(smoothing: Lit
     frames = results(subjects, LogitSettings(method="logit", smoothing=smoothing))
     if smoothing == "both":
         frames = weigh_again(frames, len(frames), LogitSettings(method="logit", smoothing=smoothing))
-    held: tuple[Held | None, ...] = (None,)
+    held: tuple[HeldBelief | None, ...] = (None,)
     for number, (subject, frame) in enumerate(zip(subjects, frames, strict=True)):
         settings = BayesSettings(method="bayes")
         (of_posterior,), held = infer_attentions((subject,), TARGETS, held, settings, number * 100_000_000)
