@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from harness.labels.labels import IGNORED, NOWHERE, Label
 from harness.run.manifest import AnswerTraits
-from harness.run.records import BoxPx, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import Choices, choose_among
 from harness.score.reference import Reference
 from harness.score.verdict_columns import COMPARED_EVERY
@@ -26,6 +26,7 @@ from harness.score.verdicts import (
     find_subject,
     prediction_set,
     probabilities,
+    true_targets,
 )
 from vfoa.types import DirectionFit
 
@@ -204,32 +205,11 @@ def judge_absent(
     return judge(empty, subject, label, traits)
 
 
-def true_targets(record: FrameRecord, label: Label) -> list[TargetRecord]:
-    """Return the instances with the label's name; if the label has an image point, only the one nearest to it."""
-    named = [target for target in record.targets if target.name == label.target]
-    if label.point_px is None or len(named) < 2:
-        return named
-    point = label.point_px
-    return [min(named, key=lambda target: _distance_px(target.box_px, point))]
-
-
 def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
     """Return the instances that the label names in this frame, each of them a right focus; None means nowhere."""
     if label.target == NOWHERE:
         return (None,)
     return tuple(target.instance_id for target in true_targets(record, label))
-
-
-def _distance_px(box_px: BoxPx | None, point_px: tuple[float, float]) -> tuple[float, float]:
-    """Squared distance of a point from a box (0 inside), then from its centre: boxes that hold it may overlap.
-
-    A target without a box in the image is infinitely far away.
-    """
-    if box_px is None:
-        return math.inf, math.inf
-    (u0, v0, u1, v1), (u, v) = box_px, point_px
-    outside = max(u0 - u, 0.0, u - u1) ** 2 + max(v0 - v, 0.0, v - v1) ** 2
-    return outside, (u - (u0 + u1) / 2) ** 2 + (v - (v0 + v1) / 2) ** 2
 
 
 def choose(record: FrameRecord, subject: SubjectRecord | None) -> Choices:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from harness.labels.labels import IGNORED, NOWHERE
+from harness.labels.labels import IGNORED, NOWHERE, Label, Labels
 from harness.record import entities
 from harness.record.appearance import (
     GREY,
@@ -25,8 +25,8 @@ from harness.record.appearance import (
     target_names,
 )
 from harness.record.frame_log import FrameLog
-from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION, Verdict, prediction_set
+from harness.run.records import AttentionRecord, FrameRecord
+from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION, Verdict, prediction_set, true_targets
 from vfoa.geometry import quaternion
 
 NO_TRUTH = "not annotated"
@@ -38,12 +38,12 @@ def predicted_in_words(verdict: Verdict) -> str:
     return f"{verdict.predicted or NO_PREDICTION}{confidence}"
 
 
-def log_verdicts(log: FrameLog, record: FrameRecord, verdicts: Sequence[Verdict]) -> None:
-    """Log all verdicts of a frame."""
+def log_verdicts(log: FrameLog, record: FrameRecord, verdicts: Sequence[Verdict], labels: Labels) -> None:
+    """Log all verdicts of a frame; ``labels`` say which of several targets of a name is meant."""
     configuration = record.configuration
     for verdict in verdicts:
         _log_states(log, verdict)
-        _log_answers(log, record, verdict)
+        _log_answers(log, record, verdict, labels.at(record.frame, verdict.subject))
         if verdict.outcome == "wrong":
             log.event(entities.log(configuration), rr.TextLog, text=[_sentence(verdict)], level=[rr.TextLogLevel.WARN])
     page = summary(record, verdicts)
@@ -77,15 +77,17 @@ def _states(palette: dict[str, Colour]) -> rr.StateConfiguration:
     return rr.StateConfiguration(values=names, labels=names, colors=[(*palette[name], 255) for name in names])
 
 
-def _log_answers(log: FrameLog, record: FrameRecord, verdict: Verdict) -> None:
+def _log_answers(log: FrameLog, record: FrameRecord, verdict: Verdict, label: Label | None) -> None:
     """Log the box of the true target in green, that of a wrong answer in red, and the line from the eyes to each."""
     names = subject_names(record)
     subject = next((s for s in record.subjects if names[s.track_id] == verdict.subject), None)
-    answers = [("truth", verdict.truth, verdict.truth)]
+    focus = None if subject is None else subject.focus
+    true = [] if label is None else [target for target in true_targets(record, label) if target.box]
+    answers = [("truth", true, verdict.truth)]
     if verdict.outcome == "wrong":
-        answers.append(("predicted", verdict.predicted, predicted_in_words(verdict)))
-    for what, name, words in answers:
-        target = _target(record, name, subject)
+        answers.append(("predicted", [] if focus is None else [record.target(focus)], predicted_in_words(verdict)))
+    for what, targets, words in answers:
+        target = next((each for each in targets if each.instance_id == focus), targets[0] if targets else None)
         if target is None or target.box is None:
             continue
         path = entities.answer_3d(verdict.configuration, verdict.subject, what)
@@ -126,13 +128,6 @@ _MARGIN = 1.06
 
 _LABEL_HEIGHT = 1.6
 """Height of a label over the middle of its box, in half heights of the box."""
-
-
-def _target(record: FrameRecord, name: str | None, subject: SubjectRecord | None) -> TargetRecord | None:
-    """The target of that name with a box; of several, the one in focus, else the first."""
-    boxed = [target for target in record.targets if target.name == name and target.box is not None]
-    focus = subject.focus if subject is not None else None
-    return next((target for target in boxed if target.instance_id == focus), boxed[0] if boxed else None)
 
 
 def _sentence(verdict: Verdict) -> str:

@@ -170,14 +170,14 @@ class _VerdictLayer:
     def _log(self, layer: LayerFile, block: Block, key: str, shown: Shown) -> _LoggedBlock:
         log = FrameLog(layer.stream, before=shown)
         outcomes, errors, targets = Counter[str](), Counter[str](), dict[str, None]()
-        of_block = self._verdicts(block)
+        of_block, labels = self._verdicts(block), self._labels or Labels(())
         for record in (renamed(frame, self._names_now) for frame in self._reader.read(block)):
             verdicts = of_block[record.frame]
             outcomes.update(verdict.outcome for verdict in verdicts)
             errors.update(verdict.error_type for verdict in verdicts if verdict.error_type)
             targets.update(dict.fromkeys(target.name for target in record.targets))
             log.begin(record.frame, record.time_ns)
-            log_verdicts(log, record, verdicts)
+            log_verdicts(log, record, verdicts, labels)
             log.end()
         paths = sorted(log.paths)
         log.send()

@@ -34,8 +34,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from harness.labels.labels import Label
 from harness.run.manifest import AnswerTraits
-from harness.run.records import FrameRecord, SubjectRecord
+from harness.run.records import BoxPx, FrameRecord, SubjectRecord, TargetRecord
 
 Outcome = Literal["correct", "wrong", "unscored"]
 
@@ -99,6 +100,27 @@ PLAIN = AnswerTraits()
 def find_subject(record: FrameRecord, subject: str) -> SubjectRecord | None:
     """Return the person of this name; the first in the record if tracks share it."""
     return next((person for person in record.subjects if person.name == subject), None)
+
+
+def true_targets(record: FrameRecord, label: Label) -> list[TargetRecord]:
+    """Return the instances with the label's name; if the label has an image point, only the one nearest to it."""
+    named = [target for target in record.targets if target.name == label.target]
+    if label.point_px is None or len(named) < 2:
+        return named
+    point = label.point_px
+    return [min(named, key=lambda target: _distance_px(target.box_px, point))]
+
+
+def _distance_px(box_px: BoxPx | None, point_px: tuple[float, float]) -> tuple[float, float]:
+    """Squared distance of a point from a box (0 inside), then from its centre: boxes that hold it may overlap.
+
+    A target without a box in the image is infinitely far away.
+    """
+    if box_px is None:
+        return math.inf, math.inf
+    (u0, v0, u1, v1), (u, v) = box_px, point_px
+    outside = max(u0 - u, 0.0, u - u1) ** 2 + max(v0 - v, 0.0, v - v1) ** 2
+    return outside, (u - (u0 + u1) / 2) ** 2 + (v - (v0 + v1) / 2) ** 2
 
 
 def answer(verdict: Verdict) -> str | None:

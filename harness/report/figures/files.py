@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 from harness.files.io import write_together
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
+from harness.run.records import renamed
 from harness.run.table_records import TableReader
 from harness.score.calibration import reliabilities
-from harness.score.finished_run import read_scores
+from harness.score.finished_run import FinishedRun, read_scores
 from harness.score.fit_logit import fit_logit
 from harness.score.labelled_run import read_labelled
 from harness.score.oracle_ablation import without_oracles
@@ -153,21 +154,29 @@ def _add_failure(figures: Figures, shown: Sequence[_Shown], wanted: Wanted) -> N
             continue
         clip, pair = clips[chosen.clip], (chosen.clip, chosen.configuration)
         directory = RunDirectory(each.run)
-        reader = TableReader(directory, directory.read_manifest(), [chosen.clip])
+        finished = FinishedRun.read(directory)
+        reference = finished.reference()
+        names_now = reference.names_now[chosen.clip]
+        reader = TableReader(directory, finished.manifest, [chosen.clip])
         near = [frame for frame in clip.frames if abs(frame - chosen.frame) <= _AROUND]
         blocks = [block for block in reader.blocks if (block.clip, block.configuration) == pair]
+        label = reference.labels[chosen.clip].at(chosen.frame, chosen.subject)
+        assert label, "a wrong frame without a label"
         content = read_frame(clip, chosen.configuration, chosen.subject, chosen.frame)
         failure = WrongFrame(
             verdict=chosen,
+            label=label,
             content=content,
-            records=[record for block in blocks for record in reader.read(block) if record.frame in near],
+            records=[
+                renamed(record, names_now) for block in blocks for record in reader.read(block) if record.frame in near
+            ],
             verdicts=[
                 verdict
                 for verdict in each.scores.verdicts
                 if (verdict.clip, verdict.configuration, verdict.subject) == (*pair, chosen.subject)
                 and verdict.frame in near
             ],
-            targets=_targets(each.run, chosen.clip),
+            targets=[names_now.get(name, name) for name in _targets(each.run, chosen.clip)],
         )
         figures.drawn["failure"] = partial(strip, failure)
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from harness.labels.labels import NOWHERE
+from harness.labels.labels import NOWHERE, Label
 from harness.record.appearance import Colour, Colours, attention_by_name, target_names
 from harness.record.frame_reading import FrameContent
 from harness.report.figures.style import INK, OFF, RIGHT, SOFT, canvas, is_wide
 from harness.run.records import BoxRecord, FrameRecord
-from harness.score.verdicts import Verdict, find_subject
+from harness.score.verdicts import Verdict, answered, find_subject, true_targets
 from vfoa.types import Float
 
 CUES = {"gaze": "#c99700", "head": "#2f6fde"}
@@ -26,14 +27,15 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2,
 _SIGNS = np.array([[1 if corner >> axis & 1 else -1 for axis in range(3)] for corner in range(8)], dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class WrongFrame:
-    """A wrong frame: the verdict, what the recording shows, and the records and verdicts of frames around it, in order.
+    """A wrong frame: verdict and label, what the recording shows, records and verdicts of frames around it, in order.
 
     ``targets`` are the names of the clip's targets in the order of their colours.
     """
 
     verdict: Verdict
+    label: Label
     content: FrameContent
     records: Sequence[FrameRecord]
     verdicts: Sequence[Verdict]
@@ -50,7 +52,14 @@ class WrongFrame:
         v = self.verdict
         where = f"{v.clip}, {v.configuration}, frame {v.frame}"
         error = (v.error_type or "").replace("_", " ")
-        return f"{where}: {v.subject} looks at {v.truth}, answered: {v.predicted or 'nothing'} ({error})"
+        return f"{where}: {v.subject} looks at {v.truth}, answered: {answered(v)} ({error})"
+
+    @cached_property
+    def marks(self) -> dict[int, str]:
+        """The colour that marks a target as the truth or as the answer, by instance id; the others have none."""
+        subject = find_subject(self.record, self.verdict.subject)
+        answer = {} if subject is None or subject.focus is None else {subject.focus: OFF}
+        return answer | {target.instance_id: RIGHT for target in true_targets(self.record, self.label)}
 
 
 def strip(failure: WrongFrame, width: float) -> Figure:
@@ -88,13 +97,6 @@ def _css(colour: Colour) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _mark(failure: WrongFrame, name: str) -> str | None:
-    """The colour that marks a target as the truth or as the answer; None for the others."""
-    if name == failure.verdict.truth:
-        return RIGHT
-    return OFF if name == failure.verdict.predicted else None
-
-
 def _draw_image(axes: Any, failure: WrongFrame, colours: Colours) -> None:
     content, record = failure.content, failure.record
     axes.set_axis_off()
@@ -111,7 +113,7 @@ def _draw_image(axes: Any, failure: WrongFrame, colours: Colours) -> None:
     for target in record.targets:
         if target.box_px is None:
             continue
-        mark = _mark(failure, target.name)
+        mark = failure.marks.get(target.instance_id)
         colour = mark or _css(colours.of(target.name))
         _rectangle(axes, target.box_px, colour, 1.4 if mark else 0.6)
         if mark or target.name in failure.targets:
@@ -136,7 +138,7 @@ def _draw_scene(axes: Any, failure: WrongFrame, colours: Colours) -> None:
     record, names = failure.record, target_names(failure.record)
     seen: list[Float] = []
     for target in record.targets:
-        mark = _mark(failure, target.name)
+        mark = failure.marks.get(target.instance_id)
         colour = _css(colours.of(target.name))
         if (cloud := failure.content.clouds.get(target.instance_id)) is not None:
             axes.scatter(*_upright(cloud).T, s=0.6, color=colour, lw=0, alpha=0.8, rasterized=True)
@@ -192,7 +194,7 @@ def _draw_curves(axes: Any, failure: WrongFrame, colours: Colours) -> None:
     most = max([0.1, *(value for values in totals.values() for value in values if not np.isnan(value))])
     attended = {name: values for name, values in totals.items() if np.nanmax(values) > 0.02 * most}
     for name, values in attended.items():
-        wide = 1.6 if _mark(failure, name) else 0.8
+        wide = 1.6 if name in (failure.verdict.truth, failure.verdict.predicted) else 0.8
         axes.plot(frames, values, color=_css(colours.of(name)), lw=wide, label=name)
     axes.axvline(failure.verdict.frame, color=INK, lw=0.8, ls=(0, (2, 2)))
     row = 0.13 * most

@@ -236,6 +236,19 @@ def test_the_marked_boxes_are_those_of_truth_and_answer(shared, frames, read_bac
     assert predicted == pytest.approx(centres["book#4"], abs=1e-6)
 
 
+def test_of_two_targets_of_a_name_the_one_at_the_labels_point_is_the_truth(shared, frames, read_back):
+    """Also while somebody looks at the other one."""
+    label = Label(target="red cup", point_px=(30, 30))
+    labels = Labels([LabelRange(first_frame=0, last_frame=1000, subject=ANN, label=label)])
+    write_verdict_layers(RunDirectory(shared.run), {"clip": labels}, {"clip": {"book#4": "red cup"}})
+    columns = read_back(shared)
+    assert columns.at(entities.verdict("one", ANN, "verdict"), "StateChange:state")[14] == ["wrong"]
+    centres = {target.name: target.box.center_m for target in frames[3].record.targets if target.box is not None}
+    for what, name in (("truth", "red cup"), ("predicted", "book#4")):
+        (centre,) = columns.at(entities.answer_3d("one", ANN, what, "box"), "Boxes3D:centers")[14]
+        assert centre == pytest.approx(centres[name], abs=1e-6)
+
+
 def test_a_frame_without_a_right_image_has_no_disparity(frames, tmp_path, read_back):
     depth = [replace(frame, frame=replace(frame.frame, right=None, depth_m=_flat(frame))) for frame in frames]
     columns = read_back(write_run(tmp_path / "run", {"one": depth}))

@@ -8,11 +8,15 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 
+from harness.labels.labels import Label
+from harness.record.frame_reading import FrameContent
 from harness.report.figures import charts
 from harness.report.figures.files import WIDTHS_INCH, Figures, figures_of, write_figures
-from harness.report.figures.style import canvas, saved, styled
+from harness.report.figures.strip import WrongFrame
+from harness.report.figures.style import OFF, RIGHT, canvas, saved, styled
 from harness.run.directory import RunDirectory
 from harness.run.fitted import MethodScore
+from harness.run.records import renamed
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
 from tests.command import vfoa
 from tests.disk import labels_text
@@ -238,6 +242,32 @@ def test_a_failure_is_drawn_with_image_scene_and_curves(
     title = " ".join(sorted(texts))
     assert "clip, two cones, frame 14" in title
     assert svg.read_text(encoding="utf-8").count("<image") >= 3  # the left image, the masks, the clouds
+
+
+def test_a_failure_has_the_present_names_of_targets(
+    recorded: Path, tmp_path: Path, no_pdf: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for file in ("datasets/clip.toml", "annotations/clip.csv"):
+        text = (tmp_path / file).read_text(encoding="utf-8").replace("red cup", "mug")
+        changed = text.replace('[targets."mug"]', '[targets.mug]\nformerly = ["red cup"]')
+        (tmp_path / file).write_text(changed, encoding="utf-8")
+    code, _, _ = vfoa(monkeypatch, capsys, "figures", str(recorded), "--out", str(tmp_path / "out"), "--frame", "14")
+    assert code == 0
+    texts = _texts((tmp_path / "out" / "failure_1col.svg").read_text(encoding="utf-8"))
+    assert "mug" in texts
+    assert "red cup" not in texts
+
+
+def test_of_two_targets_of_a_name_the_one_at_the_labels_point_is_the_true_one() -> None:
+    record = renamed(four_frames()[3].record, {"book#4": "red cup"})
+    meant, _, answered = (target.instance_id for target in record.targets if target.name == "red cup")
+    label = Label(target="red cup", point_px=(30, 30))
+    verdict = judge(record, ANN, label)
+    nothing = FrameContent(image=None, masks=None, clouds={}, cones={})
+    failure = WrongFrame(
+        verdict=verdict, label=label, content=nothing, records=[record], verdicts=[verdict], targets=["red cup"]
+    )
+    assert failure.marks == {meant: RIGHT, answered: OFF}
 
 
 def test_a_failure_that_is_not_there_is_named(
