@@ -164,6 +164,10 @@ class AttendSettings(Settings):
     attention: SerializeAsAny[InstanceOf[MethodSettings]] = ConesSettings()
 
 
+MOST_REMEMBERED = 64
+"""Named people who are gone and whose states are kept: a robot in a hall may meet thousands."""
+
+
 class Attending:
     """Attends to the frames of a sequence in order, and holds the memory: filters, and each person's state.
 
@@ -223,8 +227,7 @@ class Attending:
         _check_answers(subjects, attentions)
         if len(after) != len(subjects):
             raise ValueError(f"{len(after)} states for {len(subjects)} subjects; expected one of each, in their order")
-        states = {**self._states, **dict(zip(map(person_key, subjects), after, strict=True))}
-        self._states = {key: state for key, state in states.items() if isinstance(key, str) or key in tracked.open}
+        self._remember(dict(zip(map(person_key, subjects), after, strict=True)), tracked)
         self._gaze_filter = gaze_filter
         self._waiting.append(FrameResult(scene=scene, attentions=tuple(attentions)))
         awaited = self._awaited() if self._look_ahead_s else 0
@@ -235,6 +238,13 @@ class Attending:
         known = (key for key in (subject.name, subject.track_id) if key in self._states)
         key = next(known, None)
         return self._method.start() if key is None else self._states[key]
+
+    def _remember(self, states: Mapping[int | str, Any], tracked: Tracked) -> None:
+        """Keep the states of a frame, those of the other open tracks, and those of the people who were named last."""
+        before = {key: state for key, state in self._states.items() if key not in states}
+        named = [key for key in before if isinstance(key, str)]
+        kept = {*named[max(0, len(named) - MOST_REMEMBERED) :], *tracked.open}
+        self._states = {**{key: state for key, state in before.items() if key in kept}, **states}
 
     def _subjects(
         self, scene: Scene, tracked: Tracked, names: Mapping[int, str] | None, gaze_filter: GazeFilterState

@@ -18,7 +18,7 @@ from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.logit import LogitSettings, weigh_again
 from vfoa.methods import MethodSettings, look_ahead_s, open_method
 from vfoa.nearest import NearestSettings
-from vfoa.pipeline import Attending, AttendSettings
+from vfoa.pipeline import MOST_REMEMBERED, Attending, AttendSettings
 from vfoa.tracking import Tracked, Tracker, TrackingSettings
 from vfoa.types import Attention, FrameResult, Scene, Subject
 
@@ -276,6 +276,23 @@ def test_each_method_says_what_its_answers_are(method: MethodSettings, promised:
     opened = open_method(method)
     assert (opened.probabilistic, opened.says_nowhere, look_ahead_s(opened)) == promised
     assert np.isscalar(look_ahead_s(opened))
+
+
+def test_the_memory_of_people_who_are_gone_has_an_end() -> None:
+    """After so many others that each is forgotten, the first one is met as somebody new."""
+    frames = scenes([0.15] * (MOST_REMEMBERED + 3), [40_000_000 * i for i in range(MOST_REMEMBERED + 3)])
+
+    def last(others: int) -> list[float]:
+        """The attention of anna, who comes back after the others have been there, a frame each."""
+        attending = Attending(AttendSettings(attention=bayes("forward")))
+        names = ["anna", *map(str, range(others)), "anna"]
+        times = zip(names, [*frames[: others + 1], frames[-1]], strict=True)
+        for track, (name, scene) in enumerate(times):
+            (result,) = attending.step(scene, Tracked(ids=(track,), open=frozenset({track})), {track: name})
+        return [value.total for value in result.attentions[0].values]
+
+    assert last(MOST_REMEMBERED) == last(0)
+    assert last(MOST_REMEMBERED + 1) != last(0)
 
 
 @pytest.mark.parametrize("method", [bayes("forward"), bayes("both"), logit("forward"), logit("both")])
