@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
-from onnxruntime.capi import onnxruntime_pybind11_state
 from pydantic import Field
 
 from vfoa.errors import VfoaError
@@ -38,15 +38,23 @@ _PACKAGES: dict[Provider, str] = {
 
 _FATAL = 4
 
-if os.environ.get("ORT_DISABLE_TELEMETRY") == "1":
-    onnxruntime.disable_telemetry_events()  # a module that was imported before vfoa
 
-# ONNX Runtime's errors have no common base class
-_RUNTIME_ERRORS = tuple(
-    error
-    for error in vars(onnxruntime_pybind11_state).values()
-    if isinstance(error, type) and issubclass(error, Exception)
-)
+@cache
+def _runtime() -> ModuleType:
+    """ONNX Runtime. It is not imported above: settings, and outputs from a cache, do not need it."""
+    import onnxruntime
+
+    if os.environ.get("ORT_DISABLE_TELEMETRY") == "1":
+        onnxruntime.disable_telemetry_events()  # a module that was imported before vfoa
+    return onnxruntime
+
+
+def _runtime_errors() -> tuple[type[Exception], ...]:
+    """ONNX Runtime's errors, which have no common base class."""
+    from onnxruntime.capi import onnxruntime_pybind11_state
+
+    values = vars(onnxruntime_pybind11_state).values()
+    return tuple(error for error in values if isinstance(error, type) and issubclass(error, Exception))
 
 
 class RuntimeSettings(Settings):
@@ -117,7 +125,7 @@ class Model:
         session, graph_inputs, graph_outputs = self._open()
         try:
             tensors = session.run(list(graph_outputs.values()), {graph_inputs[name]: inputs[name] for name in inputs})
-        except _RUNTIME_ERRORS as error:
+        except _runtime_errors() as error:
             given = ", ".join(f"{name} {_text(array.shape)}" for name, array in inputs.items())
             raise VfoaError(f"{self.path}: fails on {given}: {' '.join(str(error).split())}") from error
         return dict(zip(graph_outputs, tensors, strict=True))
@@ -172,7 +180,7 @@ def blob(*images: Image, bgr: bool, mean: float | Float = 0.0, scale: float | Fl
 
 def available_providers() -> list[Provider]:
     """Return the providers that this build of ONNX Runtime has."""
-    available = onnxruntime.get_available_providers()
+    available = _runtime().get_available_providers()
     return [name for name, its_name in _PROVIDERS.items() if its_name in available]
 
 
@@ -199,7 +207,7 @@ def _session(path: Path, settings: RuntimeSettings) -> Any:
     provider = _PROVIDERS[settings.provider]
     if is_lfs_pointer(path):
         raise VfoaError(f"{path}: a Git LFS pointer; expected the model itself (fetch it with git lfs pull)")
-    options = onnxruntime.SessionOptions()
+    options = _runtime().SessionOptions()
     options.intra_op_num_threads = settings.threads
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
@@ -207,8 +215,8 @@ def _session(path: Path, settings: RuntimeSettings) -> Any:
     # Single nodes that an accelerator cannot run fall back to the CPU; a provider that fails as a whole is an error.
     providers = list(dict.fromkeys([provider, _PROVIDERS["cpu"]]))
     try:
-        session = onnxruntime.InferenceSession(str(path), sess_options=options, providers=providers)
-    except _RUNTIME_ERRORS as error:
+        session = _runtime().InferenceSession(str(path), sess_options=options, providers=providers)
+    except _runtime_errors() as error:
         reason = " ".join(str(error).split())
         raise VfoaError(f"{path}: not a complete ONNX model; expected one that ONNX Runtime loads: {reason}") from error
     if session.get_providers()[0] != provider:

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -19,12 +19,10 @@ from harness.files.io import atomic_write
 from harness.files.parsing import read_toml
 from harness.pipeline.configuration import STAGES, StageChoice, StageKind
 from vfoa.errors import VfoaError, check_known
+from vfoa.onnx import Model, RuntimeSettings, Signature
 from vfoa.settings import Settings
 from vfoa.validation import parse
 from vfoa.weights import cache_directory, directories, is_lfs_pointer, locate, weights_of
-
-if TYPE_CHECKING:
-    from vfoa.onnx import RuntimeSettings, Signature
 
 DownloadProgress = Callable[[int, int | None], None]
 """Called with the bytes received, and the bytes of the whole file if known."""
@@ -250,7 +248,6 @@ def check_model(name: str, entry: CatalogueEntry, settings: RuntimeSettings) -> 
 
 def signature(entry: CatalogueEntry) -> Signature:
     """Return the catalogue's signature of a model; a length given as a word becomes None."""
-    from vfoa.onnx import Signature  # not above: ONNX Runtime is for those who run a network
 
     def shapes(tensors: dict[str, tuple[int | str, ...]]) -> dict[str, tuple[int | None, ...]]:
         return {
@@ -268,8 +265,6 @@ def signature(entry: CatalogueEntry) -> Signature:
 
 def _run_once(path: Path, entry: CatalogueEntry, settings: RuntimeSettings) -> tuple[str, float]:
     """Return the provider, and the milliseconds of one inference on zeros."""
-    from vfoa.onnx import Model
-
     model = Model(str(path), signature(entry), settings)
     zeros = {
         name: np.zeros([entry.sizes[length] if isinstance(length, str) else length for length in shape], np.float32)

@@ -170,3 +170,13 @@ def test_a_run_and_a_rendered_clip_import_nothing_heavy_that_they_do_not_use() -
     assert "open3d" in of_clip
     assert not {"dash", "plotly", "matplotlib"} & of_clip
     assert ("pandas" in of_clip) == open3d.startswith("0.19.")  # which imports it itself
+
+
+def test_the_code_of_all_stages_imports_neither_onnx_runtime_nor_scipy() -> None:
+    """Settings, and a run whose outputs are in the cache, need the classes of stages, but run no network."""
+    code = "import sys; from harness.pipeline.settings_reference import settings_tables\n"
+    code += "settings_tables(); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=REPOSITORY)
+    modules = set(done.stdout.split())
+    assert "vfoa.segmentation.mask_classification" in modules
+    assert not {"onnxruntime", "scipy"} & modules

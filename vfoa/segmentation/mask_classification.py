@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.special import expit
 
 from vfoa.coco import STUFF, STUFF_IDS, THING_IDS, THINGS
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
@@ -73,6 +72,10 @@ class MaskClassification:
 
     def _masks(self, logits: Map, scores: Float, placement: Placement) -> list[Mask]:
         """The pixels that each query keeps: it claims the pixel, and has the greatest score x probability there."""
+        from scipy.special import (
+            expit,  # not above: it takes as long as NumPy, and every stage is imported to list settings
+        )
+
         height, width = placement.image_size
         owner, greatest = np.full((height, width), -1), np.zeros((height, width), np.float32)
         claims = []
