@@ -116,12 +116,15 @@ def _pairs(
 def _overlaps(last: NDArray[np.uint16], ids: NDArray[np.uint16]) -> dict[tuple[int, int], float]:
     """Intersection over union of each number's last mask and each instance's mask that have a pixel in common."""
     rows, columns = int(last.max(initial=0)) + 1, int(ids.max(initial=0)) + 1
-    pairs, pixels = np.unique(last.astype(np.int64) * columns + ids, return_counts=True)
+    both = (last.astype(np.int64) * columns + ids).ravel()
+    starts = np.flatnonzero(np.diff(both, prepend=-1))  # of runs of the same pair, far fewer than pixels
+    pairs, run_pairs = np.unique(both[starts], return_inverse=True)
+    pixels = np.bincount(run_pairs, np.diff(starts, append=both.size))
     number, id_ = np.divmod(pairs, columns)
     areas = np.bincount(number, pixels, rows), np.bincount(id_, pixels, columns)
     shares = pixels / (areas[0][number] + areas[1][id_] - pixels)
-    both = zip(number.tolist(), id_.tolist(), shares.tolist(), strict=True)
-    return {(before, now): share for before, now, share in both if before and now}
+    found = zip(number.tolist(), id_.tolist(), shares.tolist(), strict=True)
+    return {(before, now): share for before, now, share in found if before and now}
 
 
 def _new_numbers(ids: Iterable[int], taken: set[int]) -> dict[int, int]:
@@ -137,7 +140,7 @@ def _painted(ids: NDArray[np.uint16], numbers: Mapping[int, int]) -> NDArray[np.
     for id_, number in numbers.items():
         if id_ < len(table):
             table[id_] = number
-    return table[ids]
+    return table.take(ids)  # in two thirds of the time of table[ids]
 
 
 def _instances(instances: Instances, numbers: Mapping[int, int]) -> Instances:

@@ -221,7 +221,9 @@ class Instances:
     def __post_init__(self) -> None:
         _set(self, "ids", self.ids, np.uint16, None, None)
         listed = [instance.id for instance in self.instances]
-        drawn = np.flatnonzero(np.bincount(self.ids.ravel())).tolist()
+        pixels = self.ids.ravel()
+        starts = np.concatenate([pixels[:1], pixels[1:][pixels[1:] != pixels[:-1]]])  # of runs, far fewer than pixels
+        drawn = np.flatnonzero(np.bincount(starts)).tolist()
         if len(set(listed)) != len(listed) or 0 in listed:
             raise ValueError(f"Instances.instances: expected distinct ids above 0, found {listed}")
         if unknown := set(drawn) - {0, *listed}:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.true_stages import renamed, true_percepts
-from vfoa.instance_tracking import PATIENCE, SAME_OBJECT, InstanceTracker
+from vfoa.instance_tracking import PATIENCE, SAME_OBJECT, InstanceTracker, _overlaps
 from vfoa.types import Instance, Instances
 
 SIZE = 60, 200
@@ -74,6 +74,19 @@ def test_objects_that_move_a_little_keep_the_numbers_of_the_first_frame(
             (min(max(column + by, 0), 180), min(max(row + down, 0), 40))
             for (column, row), (by, down) in zip(places, moves, strict=True)
         ]
+
+
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 5), width=st.integers(1, 8))
+def test_overlaps_are_those_of_the_masks_pixel_by_pixel(seed: int, count: int, width: int) -> None:
+    last, ids = np.random.default_rng(seed).integers(0, count + 1, (2, 6, width)).astype(np.uint16)
+    expected = {
+        (before, now): np.count_nonzero((last == before) & (ids == now))
+        / np.count_nonzero((last == before) | (ids == now))
+        for before in range(1, count + 1)
+        for now in range(1, count + 1)
+        if ((last == before) & (ids == now)).any()
+    }
+    assert _overlaps(last, ids) == expected
 
 
 def test_an_object_is_the_one_that_it_overlaps_most() -> None:

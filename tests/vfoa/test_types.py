@@ -166,6 +166,14 @@ def test_what_cannot_be_is_refused_and_named(message, make):
         make()
 
 
+@pytest.mark.parametrize("place", [(0, 0), (2, 3), (3, 0), (5, 7)])
+def test_a_single_pixel_of_an_unknown_instance_is_found(place):
+    ids = np.ones((6, 8), np.uint16)
+    ids[place] = 3
+    with pytest.raises(ValueError, match=r"ids: holds \[3\], which no instance has; instances: \[1\]"):
+        Instances(ids=ids, instances=(CUP,))
+
+
 @pytest.mark.parametrize("part", ["disparity", "instances"])
 def test_the_maps_of_a_frame_have_its_size(part):
     good = rendered_boxes(RIG, [])
