@@ -146,11 +146,11 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
         if frame not in frames:
             raise VfoaError(f"{correction.clip}: no frame {frame}; expected {frames[0]} to {frames[-1]}")
     first, last = frames.index(correction.first), frames.index(correction.last)
-    with closing(open_store(manifest, directory.read_manifest().annotator, timeline)) as store:
+    with closing(open_store(manifest, directory.read_manifest().scored_annotator, timeline)) as store:
         corrected = mark_range(store.track(correction.subject), first, last, correction.target)
         store.put(correction.subject, corrected)
         path = store.path
-    rescore(directory)
+    rescore(directory, directory.read_manifest().tables_annotator)
     return path
 
 
@@ -159,7 +159,7 @@ def _manifest(directory: RunDirectory, clip: str) -> ClipManifest:
     run = directory.read_manifest()
     places = {of_run.name: of_run.manifest for of_run in run.clips}
     check_known(clip, places, f"{directory.path}: no clip")
-    return manifest_of_run(places[clip], clip, run.annotator)
+    return manifest_of_run(places[clip], clip, run.scored_annotator)
 
 
 def correction_routes(directory: RunDirectory) -> list[Route]:

@@ -60,8 +60,9 @@ def _score_again(run: Path, annotator: str | None) -> None:
     from harness.run.directory import RunDirectory
 
     directory = RunDirectory(run)
-    if directory.read_manifest().annotator == annotator:
-        scores = rescore(directory)
+    manifest = directory.read_manifest()
+    if manifest.scored_annotator == annotator:
+        scores = rescore(directory, manifest.tables_annotator)
         say(f"{run}: tables, page and recordings are updated")
         say_unknown_names(scores)
     else:

@@ -29,7 +29,9 @@ def score(
     annotator: Annotated[
         str | None,
         typer.Option(
-            metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv. Default: the labels that the run names."
+            metavar="ANNOTATOR",
+            help="Score against CLIP@ANNOTATOR.csv; report, comparisons and figures of the run then are, too. Default: "
+            "the labels that the run names.",
         ),
     ] = None,
     where: Where = None,
@@ -102,7 +104,7 @@ def report(
         atomic_write(page, report_page(directory, None, chosen, folder))
         say(f"Page: {page}")
     else:
-        rescore(directory)
+        rescore(directory, directory.read_manifest().tables_annotator)
         say(f"Page: {directory.path / 'report.html'}")
 
 

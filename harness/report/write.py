@@ -120,7 +120,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     Parameters
     ----------
     annotator
-        Score against this annotator's labels; None for the labels that the run was made with.
+        Score against this annotator's labels, as all that reads the run then does; None for those that the run names.
 
     Raises
     ------
@@ -128,8 +128,8 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
         If the run is not finished, no configuration ran on every clip, or a clip's manifest or labels cannot be read.
     """
     with collected_later():
-        run = FinishedRun.read(directory)
-        reference = run.reference(annotator, compare_content=True)
+        run = FinishedRun.read(directory).with_labels_of(annotator)
+        reference = run.reference(compare_content=True)
         found = scored(run.columns(), reference)
         scores = write_scores(directory, found, run.manifest, stage_times(directory))
         # last: a damaged run is refused before anything is written
@@ -137,7 +137,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
 
             write_verdict_layers(directory, reference.labels, reference.names_now)
-        run.note_labels(annotator)
+        run.note_labels()
     return scores
 
 

@@ -76,7 +76,7 @@ class RunDirectory:
         run = self.read_manifest() if self.manifest.is_file() else RunManifest()
         for clip in run.clips:
             with suppress(VfoaError):  # the clip of a finished run may be gone
-                yield from manifest_of_run(clip.manifest, clip.name, run.annotator).files
+                yield from manifest_of_run(clip.manifest, clip.name, run.scored_annotator).files
 
     def failure(self, pair: Pair, error: VfoaError) -> Failure:
         """Return the manifest's row for a (clip, configuration) that failed, and write its traceback."""

@@ -42,7 +42,7 @@ def export_answers(run: Path, configuration: str | None, *, folder: Path | None,
     for clip in manifest.clips:
         check_new(target / f"{clip.name}.csv", replace=replace, inputs=directory.inputs)
     for clip in manifest.clips:
-        of_clip = manifest_of_run(clip.manifest, clip.name, manifest.annotator)
+        of_clip = manifest_of_run(clip.manifest, clip.name, manifest.scored_annotator)
         header, rows = answer_table(read_clip_records(run, of_clip, chosen))
         target.mkdir(parents=True, exist_ok=True)
         write_rows(path := target / f"{clip.name}.csv", header, rows)

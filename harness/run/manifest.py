@@ -159,6 +159,8 @@ class RunManifest(_ManifestTable):
     """None while the run goes on."""
     run_labels_sha256: dict[str, str | None] | None = None
     """The labels that the run was made with, if its tables use other labels."""
+    tables_annotator: str | None = None
+    """The annotator whose labels the tables use, if not those that the run names."""
 
     @field_validator("configurations")
     @classmethod
@@ -186,6 +188,11 @@ class RunManifest(_ManifestTable):
                 f"{path}: methods.{configuration}: missing, as in runs of earlier versions; run the experiment again"
             )
         return traits or AnswerTraits()
+
+    @property
+    def scored_annotator(self) -> str | None:
+        """The annotator whose labels the run is scored against."""
+        return self.tables_annotator or self.annotator
 
     @property
     def failed_pairs(self) -> set[tuple[str, str]]:

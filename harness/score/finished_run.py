@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -68,12 +68,18 @@ class FinishedRun:
             raise VfoaError(f"{directory.manifest}: {missing}: missing; it is required")
         return cls(directory=directory, manifest=manifest)
 
+    def with_labels_of(self, annotator: str | None) -> FinishedRun:
+        """The run as it is scored against the labels of this annotator; None: against those that the run names."""
+        if annotator == self.manifest.tables_annotator:
+            return self
+        return replace(self, manifest=self.manifest.model_copy(update={"tables_annotator": annotator}))
+
     def records(self) -> Iterator[FrameRecord]:
         """Yield the comparable records: those of every configuration that ran on every clip, on these clips.
 
         Renamed targets have their present names.
         """
-        names = self._names_now(self._manifests(self.manifest.annotator))
+        names = self._names_now(self._manifests())
         reader = TableReader(self.directory, self.manifest)
         scored = {*self._scored(reader.paths)}
         for block in reader.blocks:
@@ -90,13 +96,14 @@ class FinishedRun:
         VfoaError
             If there is no such frame, or a table is missing, damaged, of another version, or has lost frames.
         """
-        names = self._names_now(self._manifests(self.manifest.annotator))
+        names = self._names_now(self._manifests())
         reader = ColumnReader(self.directory, self.manifest)
         for pair in self._scored(reader.paths, configurations):
             yield reader.read(pair, names[pair[0]])
 
-    def _manifests(self, annotator: str | None) -> dict[str, ClipManifest]:
-        """The present manifest of each clip, whose names the labels of this annotator have."""
+    def _manifests(self) -> dict[str, ClipManifest]:
+        """The present manifest of each clip, whose names the labels have."""
+        annotator = self.manifest.scored_annotator
         return {clip.name: manifest_of_run(clip.manifest, clip.name, annotator) for clip in self.manifest.clips}
 
     def _names_now(self, manifests: Mapping[str, ClipManifest]) -> dict[str, dict[str, str]]:
@@ -131,17 +138,14 @@ class FinishedRun:
         scored = [pair for pair in paths if pair[0] not in clips and pair[1] not in configurations]
         return scored if wanted is None else [pair for pair in scored if base_of(pair[1]) in wanted]
 
-    def reference(
-        self, annotator: str | None = None, *, compare_content: bool = False, where: Sequence[Condition] = ()
-    ) -> Reference:
-        """Read the present labels of the run's clips, by this annotator or by the one that the run was made with.
+    def reference(self, *, compare_content: bool = False, where: Sequence[Condition] = ()) -> Reference:
+        """Read the present labels of the run's clips, by the annotator whose labels its tables use.
 
         The notes say where labels or names have changed since, and with ``compare_content`` whether the clip has.
         """
         run = self.manifest
         traits = {name: run.traits(name, self.directory.manifest) for name in run.configurations}
-        annotator = annotator or run.annotator
-        manifests = self._manifests(annotator)
+        annotator, manifests = run.scored_annotator, self._manifests()
         read = {clip.name: manifests[clip.name].labels(_timeline(clip), annotator) for clip in run.clips}
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
         without_labels = [manifests[name] for name in read if name not in labels]
@@ -183,15 +187,16 @@ class FinishedRun:
             is_recorded=run.recording is not None,
         )
 
-    def note_labels(self, annotator: str | None) -> None:
+    def note_labels(self) -> None:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""
-        annotator = annotator or self.manifest.annotator
-        before = self.manifest.labels_sha256
-        now = {name: clip.annotations.digest(annotator) for name, clip in self._manifests(annotator).items()}
+        annotator, before = self.manifest.scored_annotator, self.manifest.labels_sha256
+        now = {name: clip.annotations.digest(annotator) for name, clip in self._manifests().items()}
+        of_run = self.manifest.run_labels_sha256
         if now != before:
-            of_run = self.manifest.run_labels_sha256
             labels = {"labels_sha256": now, "run_labels_sha256": before if of_run is None else of_run}
             self.directory.write_manifest(self.manifest.model_copy(update=labels))
+        elif self.manifest.tables_annotator != self.directory.read_manifest().tables_annotator:
+            self.directory.write_manifest(self.manifest)
 
     def _unlabelled_notes(self, clips: list[ClipManifest]) -> list[Note]:
         """A note for each clip without labels: it is not scored, and how many people the run found in it."""

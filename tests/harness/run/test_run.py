@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.api import load_run
 from harness.clips.manifest import load_manifest
 from harness.labels.files import write_annotations
 from harness.labels.labels import NOWHERE, Label, Labels, timeline_of
@@ -20,6 +21,7 @@ from harness.run.directory import RunDirectory, out_folder
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
+from harness.score.finished_run import read_scores
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, labels_text, sintel_scene, write_text
 from tests.records import tables_of, write_manifest
@@ -184,8 +186,15 @@ def test_a_run_is_scored_against_the_annotator_that_is_named(finished: RunDirect
     assert "labels of 'anna'" in (copy.path / "frr.md").read_text()
     scores = rescore(copy, "ben")
     assert {verdict.truth for verdict in scores.verdicts} == {NOWHERE}
+    assert read_scores(copy).rows == scores.rows
+    loaded = load_run(copy.path)
+    of_pair = loaded.frames.drop_duplicates(["clip", "configuration", "subject", "frame"]).groupby("configuration")
+    right = {name: int((frames["outcome"] == "correct").sum()) for name, frames in of_pair}
+    assert right == {row.configuration: row.correct for row in scores.overall()}
     with pytest.raises(VfoaError, match="no annotations by 'bea'"):
         rescore(copy, "bea")
+    rescore(copy)
+    assert read_scores(copy).rows == read_scores(finished).rows
 
 
 def test_a_run_for_an_annotator_without_labels_does_not_begin() -> None:
