@@ -26,11 +26,11 @@ class AnyClip(NamedTuple):
 
 
 def instances_of(ids: np.ndarray, **kinds: tuple[int, tuple[int, str, bool], float]) -> Instances:
-    """Instances of an id map: each an id, a category and a score."""
+    """Instances of an id map: each an id, a category and a score. An id is that of one object in all frames."""
     return Instances(
         ids=ids.astype(np.uint16),
         instances=tuple(
-            Instance(id=id_, label=label, category_id=category, is_thing=is_thing, score=score)
+            Instance(id=id_, label=label, category_id=category, is_thing=is_thing, score=score, keeps_id=True)
             for id_, (category, label, is_thing), score in kinds.values()
         ),
     )

@@ -59,7 +59,7 @@ def test_masks_are_read_and_smaller_ones_lie_on_larger_ones(clip: StereoFolderCl
     columns[:20], columns[5:8] = [1] * 20, [3] * 3
     assert np.array_equal(found.ids, np.broadcast_to(columns, (HEIGHT, WIDTH)))
     (robot,) = stage.segment(clip.frame(7)).instances
-    assert (robot.id, robot.label) == (3, "robot")
+    assert (robot.id, robot.label, robot.keeps_id) == (3, "robot", True)
 
 
 def test_results_of_a_detector(clip: StereoFolderClip, tmp_path: Path) -> None:
@@ -72,7 +72,10 @@ def test_results_of_a_detector(clip: StereoFolderClip, tmp_path: Path) -> None:
     ]
     stage = segmenter(clip, tmp_path, results)
     found = stage.segment(clip.frame(4))
-    assert [(each.label, each.score) for each in found.instances] == [("cup", 0.9), ("cup", 0.7)]
+    assert [(each.label, each.score, each.keeps_id) for each in found.instances] == [
+        ("cup", 0.9, False),
+        ("cup", 0.7, False),
+    ]
     assert stage.segment(clip.frame(7)).instances == ()
     low = segmenter(clip, tmp_path, results, min_score=0.1, max_hidden=1.0)
     assert [each.label for each in low.segment(clip.frame(4)).instances] == ["cup", "cup", "bird"]

@@ -70,6 +70,7 @@ def test_every_kind_of_map_holds_the_same_objects(clip: StereoFolderClip, tmp_pa
         (9, "robot", 1001, None),
         (200, "robot", 1001, "pepper"),
     ]
+    assert all(each.keeps_id for each in found.instances)
 
 
 def test_numbers_beyond_16_bits_become_small_ones(clip: StereoFolderClip, tmp_path: Path) -> None:

@@ -88,6 +88,27 @@ def test_things_are_read_and_stuff_only_by_name(clip: StereoFolderClip, tmp_path
     )
 
 
+def test_ids_are_those_of_objects_unless_one_has_two_categories(clip: StereoFolderClip, tmp_path: Path) -> None:
+    """Other programs number the segments of each frame anew, so that a number is a person now and a bird later."""
+    root = tmp_path / "coco"
+    person = {"id": 3, "category_id": 1}
+    _coco_masks(root, np.full((HEIGHT, WIDTH), 3, np.uint32))
+    for segments, keep in (
+        ([person, {"id": 70000, "category_id": 16}], True),
+        ([{"id": 3, "category_id": 16}], False),
+    ):
+        annotations = [
+            {"image_id": 4, "file_name": "frame_0004.png", "segments_info": [person]},
+            {"image_id": 7, "file_name": "frame_0007.png", "segments_info": segments},
+        ]
+        write_text(root / "panoptic.json", json.dumps({"annotations": annotations, "categories": CATEGORIES}))
+        segmenter = CocoPanoptic(CocoPanopticSettings(root=str(root)), clip)
+        assert [each.keeps_id for number in (4, 7) for each in segmenter.segment(clip.frame(number)).instances] == [
+            keep,
+            keep,
+        ]
+
+
 def test_the_masks_of_bandage_2_hold_the_girl_and_the_dragon_in_every_frame(shared_data: Path) -> None:
     clip = SintelClip(SintelSettings.model_validate({"scene": "bandage_2"}), shared_data / "sintel")
     segmenter = CocoPanoptic(CocoPanopticSettings(root=str(shared_data / "bandage_2_panoptic")), clip)
