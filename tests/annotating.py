@@ -17,7 +17,6 @@ from harness.labels.labels import IGNORED, Label, Labels, Timeline, ranges_of
 from harness.run.records import FrameRecord
 from harness.sources import Clip
 from harness.studio import StudioSettings
-from harness.studio.store import cache_folder
 from tests.browser import BrowserPage, wait_for
 from tests.disk import stereo_pair_folder, write_text
 from tests.records import frame_record, subject_record, target_record, write_run
@@ -112,14 +111,6 @@ def served_by_the_program(
         process.kill()
         process.wait()
         process.stdout.close()
-
-
-def share_rendered_frames(cache: Path) -> None:
-    """Let a program with this cache of its own read the frames that were rendered before."""
-    rendered = cache_folder("").absolute()
-    rendered.mkdir(parents=True, exist_ok=True)
-    cache.mkdir()
-    (cache / "studio").symlink_to(rendered)
 
 
 def true_labels(clip: Clip, frames: Sequence[int]) -> Labels:

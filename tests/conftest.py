@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, settings
 
 import harness  # noqa: F401  # sets the limit of OpenCV, which other tests import before it
 from tests.browser import chromium, requested, set_width
+from tests.disk import share_rendered_frames
 from tests.repository import REPOSITORY
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def default_models(shared_models: Path, tmp_path_factory: pytest.TempPathFactory
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep stage outputs apart from the user's; rendered frames stay in place, since rendering is slow."""
     with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.mktemp("cache")
+        share_rendered_frames(folder := tmp_path_factory.mktemp("caches") / "own")
         patch.setattr("harness.files.folders.platform_cache", lambda: folder)
         yield
 

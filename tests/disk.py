@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.studio.store import cache_folder
+
 WIDTH, HEIGHT = 64, 48
 
 
@@ -92,3 +94,11 @@ def write_video(path: Path, images: list[NDArray[np.uint8]], fourcc: str = "FFV1
         writer.write(np.ascontiguousarray(image[..., ::-1]))
     writer.release()
     return path
+
+
+def share_rendered_frames(cache: Path) -> None:
+    """Let a program with this cache of its own read the frames that were rendered before."""
+    rendered = cache_folder("").absolute()
+    rendered.mkdir(parents=True, exist_ok=True)
+    cache.mkdir()
+    (cache / "studio").symlink_to(rendered)

@@ -19,9 +19,8 @@ import httpx
 import pytest
 
 from harness.server.local_server import LocalServer
-from harness.studio.store import cache_folder
 from tests.command import run_in
-from tests.disk import write_text
+from tests.disk import share_rendered_frames, write_text
 from tests.pages import parts, shape, steps
 from tests.repository import REPOSITORY
 
@@ -38,10 +37,7 @@ CONFIGURATIONS = ("bm-one", "bm-two", "bm-nearest", "sgbm-one", "sgbm-two", "sgb
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A folder in which ``make demo`` has run, and what it printed at 80 columns."""
     folder = tmp_path_factory.mktemp("tutorial")
-    rendered = cache_folder("any").parent  # rendering takes longer than the runs: frames of other tests are used
-    rendered.mkdir(parents=True, exist_ok=True)
-    (folder / "cache").mkdir()
-    (folder / "cache" / "studio").symlink_to(rendered)
+    share_rendered_frames(folder / "cache")  # rendering takes longer than the runs
     shipped = (REPOSITORY / "harness" / "experiments" / "demo.toml").read_text(encoding="utf-8")
     write_text(
         folder / "experiments" / "demo.toml", re.sub(r"(?s)^clips = \[.*?\]", CLIPS, shipped, flags=re.MULTILINE)

@@ -22,12 +22,11 @@ from tests.annotating import (
     MANIFEST,
     serve,
     served_by_the_program,
-    share_rendered_frames,
     shown,
     true_labels,
 )
 from tests.browser import wait_for
-from tests.disk import moving_picture, write_text, write_video
+from tests.disk import moving_picture, share_rendered_frames, write_text, write_video
 from tests.repository import REPOSITORY
 
 if TYPE_CHECKING:

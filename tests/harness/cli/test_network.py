@@ -15,8 +15,7 @@ import pytest
 from harness.cli import main
 from harness.record import viewer as rerun_viewer
 from tests import graphs
-from tests.annotating import share_rendered_frames
-from tests.disk import write_text
+from tests.disk import share_rendered_frames, write_text
 from tests.repository import REPOSITORY
 
 EXPERIMENT = """
