@@ -4,6 +4,9 @@ A segmenter numbers the objects of a frame by itself, the surest first, so that 
 one in the next frame. What is remembered of an object goes by its number: how long somebody looked at it, its box in
 the recording, its automatic name. So numbers are followed over the frames of a sequence, as heads are
 (:mod:`vfoa.tracking`), by the overlap of masks (intersection over union).
+
+A network also changes its mind: a cup is a bowl in some frames. An object has the label that it had most in the last
+frames, so that its name and its part in the scene do not come and go.
 """
 
 from __future__ import annotations
@@ -20,6 +23,12 @@ from vfoa.types import HeadView, Instance, Instances, Percepts
 
 SAME_OBJECT = 0.3
 """Least overlap of an object's masks in two frames."""
+SAME_UNDER_ANOTHER_LABEL = 0.6
+"""Least overlap of them under two labels: a cup that stands before a bowl covers only part of it."""
+VOTE_DECAY = 0.9
+"""Factor of an object's votes for a label from one frame to the next."""
+MAJORITY = 2
+"""Another label is taken over when it has so many times the votes of the present one: after up to eleven frames."""
 PATIENCE = 5
 """Longest gap of an object, in frames: after it, its number is free."""
 LONGER_SIDE = 480
@@ -28,11 +37,21 @@ LONGER_SIDE = 480
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """An object that is followed: its label and name (None: the source knows none), and the frames missed since."""
+    """An object that is followed: its label and name (None: the source knows none), and the frames missed since.
+
+    ``kinds`` are its last instances by label, ``votes`` the scores of all under each label, the older the less.
+    """
 
     label: str
     name: str | None
+    kinds: Mapping[str, Instance]
+    votes: Mapping[str, float]
     missed: int = 0
+
+    @property
+    def kind(self) -> Instance:
+        """The last instance under its label."""
+        return self.kinds[self.label]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +73,9 @@ class InstanceTracker:
     """Follows the instances of one sequence, frame by frame.
 
     In each frame, an instance is the object of its label whose last mask it overlaps most, the greatest overlap first.
-    One of a name of its own, such as a drawn shape, is the object of that name; one that is alone with its label, now
-    and before, is the same wherever it is. A new one keeps the segmenter's id if that is free, and takes the smallest
+    One of a name of its own, such as a drawn shape, is the object of that name. What is left is the object whose mask
+    it is, under whatever label, and gets the label that the object had most; one that is alone with its label, now and
+    before, is the same wherever it is. A new one keeps the segmenter's id if that is free, and takes the smallest
     free number otherwise. Where the source keeps the ids (:attr:`vfoa.types.Instance.keeps_id`), so do the instances.
     """
 
@@ -80,14 +100,25 @@ class InstanceTracker:
                 numbers[id_] = number
                 free.remove(number)
         numbers |= _new_numbers(followed.keys() - numbers.keys(), {*known, *numbers.values()})
-        self._remember(known, {numbers[id_]: each for id_, each in followed.items()}, _painted(ids, numbers))
-        return Numbered(_instances(instances, numbers), numbers)
+        seen = {numbers[id_]: each for id_, each in followed.items()}
+        self._remember(known, seen, _painted(ids, numbers))
+        return Numbered(_instances(instances, numbers, {number: self._known[number].kind for number in seen}), numbers)
 
     def _remember(self, known: Mapping[int, _Known], seen: Mapping[int, Instance], numbers: NDArray[np.uint16]) -> None:
         missed = {number: replace(each, missed=each.missed + 1) for number, each in known.items() if number not in seen}
         gone = {number: each for number, each in missed.items() if each.missed <= PATIENCE}
-        self._known = gone | {number: _Known(each.label, each.name) for number, each in seen.items()}
+        self._known = gone | {number: _seen_again(known.get(number), each) for number, each in seen.items()}
         self._last = np.where(numbers, numbers, _painted(self._last, dict(zip(gone, gone, strict=True))))
+
+
+def _seen_again(before: _Known | None, now: Instance) -> _Known:
+    """The object with one more instance. A name of its own says what it is: its label is the last one."""
+    if before is None or now.name or before.name:
+        return _Known(now.label, now.name, {now.label: now}, {now.label: now.score})
+    votes = {label: VOTE_DECAY * vote for label, vote in before.votes.items()}
+    votes[now.label] = votes.get(now.label, 0.0) + now.score
+    wins = votes[now.label] > MAJORITY * votes[before.label]
+    return _Known(now.label if wins else before.label, None, {**before.kinds, now.label: now}, votes)
 
 
 def _pairs(
@@ -102,15 +133,19 @@ def _pairs(
     overlaps = _overlaps(last, ids)
     for number, before in known.items():
         for id_, now in found.items():
-            if before.label != now.label or (before.name and now.name and before.name != now.name):
+            if before.name and now.name and before.name != now.name:
                 continue
             overlap = overlaps.get((number, id_), 0.0)
+            if before.label != now.label:
+                if overlap >= SAME_UNDER_ANOTHER_LABEL and not (before.name or now.name):
+                    yield 2, -overlap, number, id_
+                continue
             if before.name and before.name == now.name:
                 yield 0, -overlap, number, id_
             elif overlap >= SAME_OBJECT:
                 yield 1, -overlap, number, id_
             elif labels_known[now.label] == labels_found[now.label] == 1:
-                yield 2, -overlap, number, id_
+                yield 3, -overlap, number, id_
 
 
 def _overlaps(last: NDArray[np.uint16], ids: NDArray[np.uint16]) -> dict[tuple[int, int], float]:
@@ -143,12 +178,18 @@ def _painted(ids: NDArray[np.uint16], numbers: Mapping[int, int]) -> NDArray[np.
     return table.take(ids)  # in two thirds of the time of table[ids]
 
 
-def _instances(instances: Instances, numbers: Mapping[int, int]) -> Instances:
-    """The instances under their numbers; the same object if they are those that they had."""
-    if all(id_ == number for id_, number in numbers.items()):
+def _instances(instances: Instances, numbers: Mapping[int, int], kinds: Mapping[int, Instance]) -> Instances:
+    """The instances under their numbers, as what these objects are; the same object if they are so already."""
+    named = tuple(_of_kind(each, numbers[each.id], kinds.get(numbers[each.id], each)) for each in instances.instances)
+    if named == instances.instances:
         return instances
-    named = tuple(replace(each, id=numbers[each.id]) for each in instances.instances)
-    return replace(instances, ids=_painted(instances.ids, numbers), instances=named)
+    ids = instances.ids if all(id_ == number for id_, number in numbers.items()) else _painted(instances.ids, numbers)
+    return replace(instances, ids=ids, instances=named)
+
+
+def _of_kind(each: Instance, number: int, kind: Instance) -> Instance:
+    """An instance under a number, with the label of another instance of the same object."""
+    return replace(each, id=number, label=kind.label, category_id=kind.category_id, is_thing=kind.is_thing)
 
 
 def _renumbered(view: HeadView, numbers: Mapping[int, int]) -> HeadView:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.true_stages import renamed, true_percepts
-from vfoa.instance_tracking import PATIENCE, SAME_OBJECT, InstanceTracker, _overlaps
+from vfoa.instance_tracking import PATIENCE, SAME_OBJECT, SAME_UNDER_ANOTHER_LABEL, InstanceTracker, _overlaps
 from vfoa.types import Instance, Instances
 
 SIZE = 60, 200
@@ -113,9 +113,45 @@ def test_an_object_that_is_alone_with_its_label_is_the_same_wherever_it_is() -> 
     assert numbers(frames)[1] == {2: 1, 1: 2, 3: 3}
 
 
-def test_objects_of_different_labels_are_never_the_same() -> None:
-    frames = [frame({1: (50, 20)}, {1: "cup"}), frame({1: (50, 20)}, {1: "bowl"})]
-    assert numbers(frames) == [{1: 1}, {1: 2}]
+def labels(frames: Sequence[Instances]) -> list[dict[int, str]]:
+    """The label of each number, frame by frame."""
+    tracker = InstanceTracker()
+    return [{each.id: each.label for each in tracker.step(seen).instances.instances} for seen in frames]
+
+
+@pytest.mark.parametrize(("by", "is_same"), [(5, True), (6, False)])
+def test_another_label_is_the_same_object_only_under_about_the_same_mask(by: int, is_same: bool) -> None:
+    share = (20 - by) / (20 + by)
+    assert (share >= SAME_UNDER_ANOTHER_LABEL) == is_same
+    frames = [frame({1: (50, 20)}, {1: "cup"}), frame({1: (50 + by, 20)}, {1: "bowl"})]
+    assert numbers(frames)[1] == ({1: 1} if is_same else {1: 2})
+    assert labels(frames)[1] == ({1: "cup"} if is_same else {2: "bowl"})
+
+
+def test_an_object_has_the_label_that_it_had_most() -> None:
+    """Two things, numbered anew in each frame, that are now and then taken for each other, or for something else."""
+    lefts, rights = ["cup", "cup", "bowl", "cup", "vase", "cup", "bowl"], ["bowl"] * 2 + ["cup"] * 2 + ["bowl"] * 3
+    frames = []
+    for step, (left, right) in enumerate(zip(lefts, rights, strict=True)):
+        first, second = (1, 2) if step % 2 == 0 else (2, 1)
+        frames.append(frame({first: (50, 20), second: (110, 20)}, {first: left, second: right}))
+    assert labels(frames) == [{1: "cup", 2: "bowl"}] * len(frames)
+
+
+def test_a_lasting_change_of_the_label_is_taken_over() -> None:
+    frames = [frame({1: (50, 20)}, {1: "cup"})] * 30 + [frame({1: (50, 20)}, {1: "bowl"})] * 11
+    found = [each[1] for each in labels(frames)]
+    assert found[30:34] == ["cup"] * 4
+    assert found[-1] == "bowl"
+    assert found == sorted(found, reverse=True)  # once
+
+
+def test_the_label_of_an_object_with_a_name_is_the_last_one() -> None:
+    """Somebody drew it."""
+    names = {1: "anna's"}
+    frames = [frame({1: (50, 20)}, {1: "cup"}, names)] * 3 + [frame({1: (50, 20)}, {1: "bowl"}, names)]
+    assert [each.label for each in InstanceTracker().step(frames[-1]).instances.instances] == ["bowl"]
+    assert [*labels(frames)[-1].values()] == ["bowl"]
 
 
 @pytest.mark.parametrize(("gap", "is_same"), [(PATIENCE, True), (PATIENCE + 1, False)])
