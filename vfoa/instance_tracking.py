@@ -81,21 +81,23 @@ class InstanceTracker:
 
     def __init__(self) -> None:
         self._known: dict[int, _Known] = {}
-        self._last: NDArray[np.uint16] = np.zeros((0, 0), np.uint16)  # the number last seen at each pixel, 0: none
+        self._last: NDArray[np.uint16] = np.zeros((0, 0), np.uint16)  # the number at each pixel, 0: none
+        self._missed: dict[int, NDArray[np.intp]] = {}  # the pixels of the last mask of an object that is missed
 
     def step(self, instances: Instances) -> Numbered:
         """Number the instances of the next frame."""
         step = max(1, max(instances.ids.shape) // LONGER_SIDE)
         ids = instances.ids[::step, ::step]
         if ids.shape != self._last.shape:
-            self._known, self._last = {}, np.zeros(ids.shape, np.uint16)
+            self._known, self._last, self._missed = {}, np.zeros(ids.shape, np.uint16), {}
         numbers = {each.id: each.id for each in instances.instances if each.keeps_id}
         followed = {each.id: each for each in instances.instances if not each.keeps_id}
         if not followed and not self._known:
             return Numbered(instances, numbers)
         known = {number: each for number, each in self._known.items() if number not in numbers.values()}
         free = set(known)
-        for *_, number, id_ in sorted(_pairs(known, followed, self._last, ids)):
+        overlaps = _overlaps(self._last, ids) | _overlaps_of_missed(self._missed, ids)
+        for *_, number, id_ in sorted(_pairs(known, followed, overlaps)):
             if id_ not in numbers and number in free:
                 numbers[id_] = number
                 free.remove(number)
@@ -108,7 +110,11 @@ class InstanceTracker:
         missed = {number: replace(each, missed=each.missed + 1) for number, each in known.items() if number not in seen}
         gone = {number: each for number, each in missed.items() if each.missed <= PATIENCE}
         self._known = gone | {number: _seen_again(known.get(number), each) for number, each in seen.items()}
-        self._last = np.where(numbers, numbers, _painted(self._last, dict(zip(gone, gone, strict=True))))
+        self._missed = {
+            number: self._missed[number] if number in self._missed else np.flatnonzero(self._last == number)
+            for number in gone
+        }
+        self._last = numbers
 
 
 def _seen_again(before: _Known | None, now: Instance) -> _Known:
@@ -124,13 +130,11 @@ def _seen_again(before: _Known | None, now: Instance) -> _Known:
 def _pairs(
     known: Mapping[int, _Known],
     found: Mapping[int, Instance],
-    last: NDArray[np.uint16],
-    ids: NDArray[np.uint16],
+    overlaps: Mapping[tuple[int, int], float],
 ) -> Iterator[tuple[int, float, int, int]]:
     """The objects that instances may be, the likeliest first when sorted: (kind, less overlap, number, id)."""
     labels_known = Counter(each.label for each in known.values())
     labels_found = Counter(each.label for each in found.values())
-    overlaps = _overlaps(last, ids)
     for number, before in known.items():
         for id_, now in found.items():
             if before.name and now.name and before.name != now.name:
@@ -160,6 +164,19 @@ def _overlaps(last: NDArray[np.uint16], ids: NDArray[np.uint16]) -> dict[tuple[i
     shares = pixels / (areas[0][number] + areas[1][id_] - pixels)
     found = zip(number.tolist(), id_.tolist(), shares.tolist(), strict=True)
     return {(before, now): share for before, now, share in found if before and now}
+
+
+def _overlaps_of_missed(
+    missed: Mapping[int, NDArray[np.intp]], ids: NDArray[np.uint16]
+) -> dict[tuple[int, int], float]:
+    """The same of masks that are given by their pixels, places in the map: something else may have been there since."""
+    areas = np.bincount(ids.ravel()) if missed else np.zeros(0, np.intp)
+    found = {}
+    for number, places in missed.items():
+        pixels = np.bincount(ids.take(places))
+        for id_ in np.flatnonzero(pixels).tolist():
+            found[number, id_] = float(pixels[id_] / (len(places) + areas[id_] - pixels[id_]))
+    return {pair: share for pair, share in found.items() if pair[1]}
 
 
 def _new_numbers(ids: Iterable[int], taken: set[int]) -> dict[int, int]:

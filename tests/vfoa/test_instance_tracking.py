@@ -161,6 +161,15 @@ def test_an_object_may_be_missed_for_some_frames(gap: int, is_same: bool) -> Non
     assert (last[7] == 2) == is_same
 
 
+def test_an_object_that_something_else_covered_is_the_same() -> None:
+    """An arm reaches over a cup, which is not the only one: the cup is missed, and something else is in its place."""
+    two, covered = {1: (50, 20), 2: (150, 30)}, {1: (150, 30), 9: (50, 20)}
+    arm = frame(covered, {9: "person"})
+    arm = Instances(ids=np.where(np.arange(200) < 80, np.uint16(9), arm.ids), instances=arm.instances)
+    *_, last = numbers([frame(two), arm, arm, frame({7: (50, 20), 1: (150, 30)})])
+    assert last == {7: 1, 1: 2}
+
+
 def test_numbers_of_objects_that_are_gone_are_given_again() -> None:
     """There are 65,535: a segmenter that sees things for a frame each would have used them up after an hour."""
     tracker = InstanceTracker()
