@@ -13,6 +13,7 @@ from harness.report.formats import UNKNOWN, Table, number
 from harness.run.columns import MeasureColumns
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
+from harness.run.table_files import numbers_of
 from harness.run.timings import read_timings
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
@@ -171,9 +172,10 @@ def stage_times(directory: RunDirectory) -> StageTimes:
     names, stages = (table.column(name).combine_chunks().dictionary_encode() for name in ("configuration", "stage"))
     configurations = tuple(names.dictionary.to_pylist())
     of_stages = stages.dictionary.to_pylist()
-    keys = stages.indices.to_numpy() * len(configurations) + names.indices.to_numpy()
+    keys = numbers_of(stages.indices, 0) * len(configurations) + numbers_of(names.indices, 0)
     ends = np.cumsum(np.bincount(keys, minlength=len(of_stages) * len(configurations)))
-    groups = np.split(table.column("ms").to_numpy()[np.argsort(keys.astype(np.int16), kind="stable")], ends[:-1])
+    ms_of_all = numbers_of(table.column("ms").combine_chunks(), 0)
+    groups = np.split(ms_of_all[np.argsort(keys.astype(np.int16), kind="stable")], ends[:-1])
     medians = [round(float(np.median(ms)), 1) if len(ms) else None for ms in groups]
     per_stage = len(configurations)
     return StageTimes(

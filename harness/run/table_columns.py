@@ -26,10 +26,10 @@ from harness.run.columns import (
 )
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import RunManifest
-from harness.run.table_files import check_ascending, find_tables, read_arrow
+from harness.run.table_files import check_ascending, find_tables, is_known, numbers_of, read_arrow
 from harness.run.tables import DIRECTIONS_TABLES, SCENE_TABLES
 from vfoa.errors import VfoaError
-from vfoa.types import CUES, Codes, Cue, Float
+from vfoa.types import CUES, Codes, Cue, Flags, Float
 
 _KEPT_SCENES = 8
 """Scenes, and directions of people, that a reader keeps for the next configurations."""
@@ -108,9 +108,9 @@ def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]
     return SceneColumns(
         frames=frames,
         times_ns=_numbers(about, "time_ns"),
-        has_truth=about.column("has_truth").to_numpy(),
+        has_truth=_flags(about, "has_truth"),
         pixel_metres=np.where(
-            about.column("has_right").to_numpy(), _floats(about, "fx_px") * _floats(about, "baseline_m"), np.nan
+            _flags(about, "has_right"), _floats(about, "fx_px") * _floats(about, "baseline_m"), np.nan
         ),
         firsts=np.searchsorted(instance_at, np.arange(len(frames) + 1)),
         instance_at=instance_at,
@@ -165,8 +165,8 @@ def answer_columns(
     after = {"gaze": looks.gaze, "head": looks.head}
     after |= {cue: _vectors(table, f"{cue}_filtered", 3) for cue in filtered}
     attending = np.repeat(np.arange(len(table)), _lengths(table, "targets"))
-    ids = _flat(table, "targets").to_numpy()
-    gaze, head, total = (_flat(table, name).to_numpy(zero_copy_only=False) for name in (*CUES, "total"))
+    ids = numbers_of(_flat(table, "targets"), 0)
+    gaze, head, total = (numbers_of(_flat(table, name), np.nan) for name in (*CUES, "total"))
     if not len(ids) == len(gaze) == len(head) == len(total):
         raise VfoaError(f"{path}: expected lists of targets, gaze, head and total of one length")
     focused = _numbers(table, "focus", NO_ID)
@@ -187,7 +187,7 @@ def answer_columns(
         gaze=gaze,
         head=head,
         total=total,
-        fits=np.stack([each.to_numpy(zero_copy_only=False) for each in _column(table, "fit").flatten()], axis=1),
+        fits=np.stack([numbers_of(each, np.nan) for each in _column(table, "fit").flatten()], axis=1),
     )
 
 
@@ -286,20 +286,21 @@ def _column(table: Any, name: str) -> Any:
 def _numbers(table: Any, name: str, null: int = 0) -> NDArray[np.int64]:
     """Whole numbers; ``null`` stands for unknown ones."""
     column = _column(table, name)
-    if column.null_count:
-        numbers = column.fill_null(0).to_numpy().astype(np.int64)
-        numbers[column.is_null().to_numpy(zero_copy_only=False)] = null
-        return numbers
-    return np.asarray(column.to_numpy(), dtype=np.int64)
+    numbers = np.asarray(numbers_of(column, 0), dtype=np.int64)
+    return np.where(is_known(column), numbers, null) if column.null_count else numbers
+
+
+def _flags(table: Any, name: str) -> Flags:
+    return numbers_of(_column(table, name), 0)
 
 
 def _floats(table: Any, name: str) -> Float:
     """Numbers; NaN stands for unknown ones."""
-    return np.asarray(_column(table, name).to_numpy(zero_copy_only=False), dtype=np.float64)
+    return np.asarray(numbers_of(_column(table, name), np.nan), dtype=np.float64)
 
 
 def _lengths(table: Any, name: str) -> NDArray[np.int64]:
-    return np.asarray(_column(table, name).value_lengths().fill_null(0).to_numpy(), dtype=np.int64)
+    return np.asarray(numbers_of(_column(table, name).value_lengths(), 0), dtype=np.int64)
 
 
 def _flat(table: Any, name: str) -> Any:
@@ -309,9 +310,8 @@ def _flat(table: Any, name: str) -> Any:
 def _vectors(table: Any, name: str, length: int) -> Float:
     """Vectors (n, length); NaN stands for unknown ones."""
     column = _column(table, name)
-    is_known = column.is_valid().to_numpy(zero_copy_only=False)
     vectors = np.full((len(table), length), np.nan)
-    vectors[is_known] = column.flatten().to_numpy().reshape(-1, length)
+    vectors[is_known(column)] = numbers_of(column.flatten(), np.nan).reshape(-1, length)
     return vectors
 
 
@@ -319,4 +319,4 @@ def _words(table: Any, name: str, words: Words, names_now: Mapping[str, str] | N
     """Codes of words, with their present ones."""
     coded = _column(table, name).dictionary_encode()
     known = [(names_now or {}).get(word, word) for word in coded.dictionary.to_pylist()]
-    return np.append(words.codes(known), UNKNOWN)[coded.indices.fill_null(len(known)).to_numpy()]
+    return np.append(words.codes(known), UNKNOWN)[numbers_of(coded.indices, len(known))]

@@ -14,13 +14,14 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.files.io import opened
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import RunManifest
 from harness.run.tables import LENGTHS, NAMES, TABLES, directions_tables, scene_tables, schema_of
 from vfoa.errors import VfoaError
-from vfoa.types import DirectionFit
+from vfoa.types import DirectionFit, Flags
 
 if TYPE_CHECKING:
     import pyarrow as pa  # type: ignore[import-untyped]
@@ -245,9 +246,31 @@ def read_arrow(path: Path, table: str, columns: Sequence[str], group: int | None
             raise VfoaError(f"{path}: found {file.num_row_groups} row groups; expected those of frames.parquet")
     for name in columns:
         length = LENGTHS.get(TABLES[table][name].type.removesuffix("?"))
-        if length and (part.column(name).combine_chunks().value_lengths().drop_null().to_numpy() != length).any():
+        if length and (numbers_of(part.column(name).combine_chunks().value_lengths(), length) != length).any():
             raise VfoaError(f"{path}: {name}: expected lists of {length} numbers")
     return part
+
+
+def numbers_of(array: pa.Array, null: float) -> NDArray[Any]:
+    """The numbers or flags of an array; ``null`` stands for unknown ones.
+
+    ``to_numpy`` and ``fill_null`` of Arrow import pandas, which takes as long as all other imports of ``vfoa score``.
+    """
+    import pyarrow as pa
+
+    if pa.types.is_boolean(array.type):
+        return numbers_of(array.cast(pa.uint8()), null).astype(np.bool_)
+    stored = pa.Array.from_buffers(array.type, len(array), [None, array.buffers()[1]], offset=array.offset)
+    numbers = np.from_dlpack(stored)
+    if array.null_count:
+        numbers = numbers.copy()
+        numbers[~is_known(array)] = null
+    return numbers
+
+
+def is_known(array: pa.Array) -> Flags:
+    """Where an array has a value."""
+    return numbers_of(array.is_valid(), 0)
 
 
 def count_frames(path: Path) -> int:
@@ -289,7 +312,7 @@ def _values(array: pa.Array) -> list[Any]:
     if pa.types.is_list(array.type):
         flat, at = _values(array.flatten()), 0
         values = []
-        for length in array.value_lengths().fill_null(0).to_numpy().tolist():
+        for length in numbers_of(array.value_lengths(), 0).tolist():
             values.append(tuple(flat[at : at + length]))
             at += length
     elif pa.types.is_struct(array.type):
@@ -299,9 +322,9 @@ def _values(array: pa.Array) -> list[Any]:
     elif pa.types.is_string(array.type):
         coded = array.dictionary_encode()
         words = [*coded.dictionary.to_pylist(), None]  # the last for a column of nulls
-        values = [words[place] for place in coded.indices.fill_null(0).to_numpy().tolist()]
+        values = [words[place] for place in numbers_of(coded.indices, 0).tolist()]
     else:
-        values = (array.fill_null(0) if array.null_count else array).to_numpy(zero_copy_only=False).tolist()
+        values = numbers_of(array, 0).tolist()
     if not array.null_count:
         return values
     return [None if null else value for null, value in zip(array.is_null().to_pylist(), values, strict=True)]

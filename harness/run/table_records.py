@@ -16,7 +16,7 @@ from harness.run.answers import filtered_cues
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import RunManifest
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.run.table_files import Row, find_tables, frames_of, read_arrow, read_columns
+from harness.run.table_files import Row, find_tables, frames_of, numbers_of, read_arrow, read_columns
 from vfoa.errors import VfoaError
 from vfoa.types import Cue
 
@@ -107,7 +107,9 @@ def most_people(directory: RunDirectory, clips: Collection[str]) -> dict[str, in
 
 
 def _most_people(path: Path) -> int:
-    _, counts = np.unique(read_arrow(path, "people", ["frame"]).column("frame").to_numpy(), return_counts=True)
+    _, counts = np.unique(
+        numbers_of(read_arrow(path, "people", ["frame"]).column("frame").combine_chunks(), 0), return_counts=True
+    )
     return int(counts.max(initial=0))
 
 

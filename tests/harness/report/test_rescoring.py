@@ -121,3 +121,15 @@ def test_scoring_imports_what_it_needs_alone() -> None:
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert "harness.score.verdict_columns" in found
     assert heavy.isdisjoint(found)
+
+
+def test_scores_are_read_without_pandas(run: RunDirectory) -> None:
+    """Arrow imports it to convert an array, in more time than a small run is scored in."""
+    code = (
+        "import sys; from pathlib import Path; from harness.run.directory import RunDirectory\n"
+        "from harness.score.finished_run import read_scores\n"
+        f"print(len(read_scores(RunDirectory(Path({str(run.path)!r}))).judged_subjects)); print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    judged, *modules = done.stdout.split()
+    assert (int(judged), "pyarrow" in modules, "pandas" in modules) == (CONFIGURATIONS * 2, True, False)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from harness.run import table_files
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
-from harness.run.table_files import read_table
+from harness.run.table_files import is_known, numbers_of, read_table
 from harness.run.table_records import read_records
 from harness.run.tables import TABLES
 from tests.drawn_records import records
@@ -214,3 +214,30 @@ def test_every_table_has_its_columns(tmp_path: Path) -> None:
     assert {name: read_table(directory, name).schema.names for name in TABLES} == {
         name: list(columns) for name, columns in TABLES.items()
     }
+
+
+@pytest.mark.parametrize(
+    ("values", "kind", "numbers"),
+    [
+        ([], pa.int64(), []),
+        ([], pa.bool_(), []),
+        ([3, None, -1], pa.int32(), [3, 7, -1]),
+        ([None, None], pa.float64(), [7.0, 7.0]),
+        ([0.5, None, 1.5], pa.float32(), [0.5, 7.0, 1.5]),
+        ([True, False] * 9, pa.bool_(), [True, False] * 9),
+        ([True, None, False], pa.bool_(), [True, True, False]),
+    ],
+)
+def test_numbers_and_flags_of_a_column_are_those_that_were_written(
+    values: list[float | None], kind: pa.DataType, numbers: list[float]
+) -> None:
+    array = pa.array(values, kind)
+    for first in range(len(values) + 1):
+        found = numbers_of(array[first:], 7)
+        assert (found.tolist(), found.dtype) == (numbers[first:], kind.to_pandas_dtype())
+        assert is_known(array[first:]).tolist() == [value is not None for value in values[first:]]
+
+
+def test_a_number_that_a_column_cannot_hold_stands_for_no_unknown_one() -> None:
+    with pytest.raises(OverflowError):
+        numbers_of(pa.array([1, None], pa.int32()), 2**31)
