@@ -73,6 +73,8 @@ def fit(
     for option, place in (("--out", path), ("--tables", tables)):
         if place is not None:
             check_new(place, replace=replace, hint=f", or another {option}", inputs=inputs)
+    if path.suffix != ".toml":
+        raise VfoaError(f"fit: --out: found {str(path)!r}; expected a name that ends in .toml, as that of a preset")
     with exit_if_interrupted(notices), executor(cores()) as workers:
         finished = directory()
         notices[:] = [f"interrupted: {finished.path} is finished and kept; the same command continues"]

@@ -104,6 +104,15 @@ def test_a_fit_says_what_it_rests_on_and_what_it_is_worth(fitted: Path) -> None:
     assert scores["fitted, forward"].log_loss < scores["default weights, forward"].log_loss
 
 
+def test_a_file_that_could_be_no_preset_is_refused_before_anything_is_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = vfoa(monkeypatch, capsys, "fit", "demo", "--out", "weights")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--out: found 'weights'; expected" in err
+    assert ".toml" in err
+
+
 def test_the_file_is_a_preset_of_logits_alone(fitted: Path) -> None:
     cones, forward = load_experiment("talk.toml", preset=str(fitted)).configurations
     assert isinstance(forward.attend.attention, LogitSettings)
