@@ -17,6 +17,8 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import FrameNames, Namer
 from harness.files.unchanged import read_unchanged
@@ -283,7 +285,7 @@ class Perception:
         seen = (keys["segmentation"], keys["heads"], drawn, configuration.attend.tracking)
         with_gaze, with_depth = (*seen, keys["gaze"]), (*seen, keys["stereo"], configuration.reconstruction)
         if temporal and with_gaze not in self._windows:
-            self._windows[with_gaze] = HeadWindow(gaze, self._clip.rate_hz)
+            self._windows[with_gaze] = HeadWindow(gaze, self._clip.rate_hz, number_step(self._clip))
         masks = (keys["segmentation"], drawn, drawing and keys["stereo"])  # drawn shapes are cut out by depth
         instances = self._instances.setdefault(masks, InstanceTracker())
         group = self._groups.setdefault((*keys.values(), drawn), _Group(stages, instances))
@@ -311,6 +313,25 @@ class Perception:
             shapes = self._drawn.shapes(settings)
             self._drawings[settings] = StageRunner(shapes, slot="segmentation", name="drawn", memo=self._memo)
         return self._drawings[settings]
+
+
+def number_step(clip: Clip) -> int:
+    """The usual difference of the numbers of two frames that follow each other at the clip's rate.
+
+    It is 1 for most sources, also if frames are missing, and 10 for files that are numbered in tens and have the times
+    of their rate.
+    """
+    numbers = np.array(clip.frames[:_FRAMES_OF_STEP], dtype=np.int64)
+    times_ns = np.array([clip.time_ns(number) for number in numbers.tolist()], dtype=np.int64)
+    steps, seconds = np.diff(numbers), np.diff(times_ns) / 1e9
+    if clip.rate_hz is not None:
+        steps, seconds = steps[seconds > 0], seconds[seconds > 0]
+        steps = steps / (seconds * clip.rate_hz)
+    return max(1, round(float(np.median(steps)))) if len(steps) else 1
+
+
+_FRAMES_OF_STEP = 200
+"""Frames from whose numbers and times the step is found."""
 
 
 def _number(percepts: Percepts, tracker: InstanceTracker) -> tuple[Numbered, float]:

@@ -33,6 +33,8 @@ class HeadWindow:
         The temporal gaze model; the views hold its crops.
     rate_hz
         Frame rate of the clip; None if not known.
+    step
+        Difference of the numbers of two frames that follow each other at this rate.
 
     Raises
     ------
@@ -40,14 +42,14 @@ class HeadWindow:
         If the model cannot derive its stride from this rate.
     """
 
-    def __init__(self, model: TemporalGazeModel, rate_hz: float | None) -> None:
+    def __init__(self, model: TemporalGazeModel, rate_hz: float | None, step: int = 1) -> None:
         self._model = model
-        self._stride = model.stride(rate_hz)
+        self._stride = model.stride(rate_hz) * step
         self._seen: dict[int, _FrameHeads] = {}
 
     @property
     def look_ahead(self) -> int:
-        """Number of frames after a frame that must be read before its gazes are known."""
+        """By how much the number of a read frame is larger than a frame's before its gazes are known."""
         return REACH * self._stride
 
     def add(self, percepts: Percepts, tracks: Sequence[int | None]) -> None:

@@ -4,9 +4,10 @@ Configurations that see the same people share their tracks and names."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -15,9 +16,9 @@ from typer.testing import CliRunner
 from harness.cli.clips import app
 from harness.clips.manifest import load_manifest
 from harness.pipeline.ground_truth import TruthSegmenter
-from harness.pipeline.perception import FollowedFrame, Perception, pose_frames
+from harness.pipeline.perception import FollowedFrame, Perception, number_step, pose_frames
 from harness.run.experiment import load_experiment
-from harness.sources import MeasuredClip
+from harness.sources import Clip, MeasuredClip
 from tests.disk import write_text
 from tests.measured import measured_tables
 from tests.true_stages import renamed
@@ -108,6 +109,38 @@ def test_people_are_followed_and_named_once_for_all_who_see_the_same(
         assert cones.names.targets.keys() == {target.instance.id for target in cones.scene.targets}
         assert all({"tracking", "decode"} <= each.timings.keys() for each in (cones, posterior, other))
     assert sorted(frames[0][0].names.subjects.values()) == sorted(load_manifest(clip).subjects)
+
+
+class _Times(NamedTuple):
+    """The numbers, times and rate of a clip."""
+
+    numbers_ms: Mapping[int, int]
+    rate_hz: float | None
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        return tuple(self.numbers_ms)
+
+    def time_ns(self, number: int) -> int:
+        return self.numbers_ms[number] * 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("numbers_ms", "rate_hz", "step"),
+    [
+        ({number: 40 * number for number in (1, 2, 3, 6, 7, 8)}, 25.0, 1),  # frames 4 and 5 are missing
+        ({10 * place: 10**9 + 40 * place for place in range(9)}, 25.0, 10),  # numbered in tens, with times
+        ({10 * place: 400 * place for place in range(9)}, 25.0, 1),  # every tenth frame
+        ({place: 40 * place + 60_000 * (place > 5) for place in range(9)}, 25.0, 1),  # a pause of a minute
+        (dict.fromkeys(range(3), 1000), 25.0, 1),  # times that stand still
+        ({10 * place: 10_000 * place for place in range(9)}, None, 10),
+        ({7: 0}, 25.0, 1),
+    ],
+)
+def test_the_step_of_the_numbers_is_that_of_frames_at_the_rate(
+    numbers_ms: Mapping[int, int], rate_hz: float | None, step: int
+) -> None:
+    assert number_step(cast("Clip", _Times(numbers_ms, rate_hz))) == step
 
 
 def test_a_segmenter_that_numbers_anew_in_each_frame_changes_no_object(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,11 +58,11 @@ def add(window: HeadWindow, percepts: Percepts, tracker: Tracker) -> None:
 
 
 def shown(
-    frames: Mapping[int, Sequence[tuple[float, ...]]], stride: int, *, ttl: int = 5
+    frames: Mapping[int, Sequence[tuple[float, ...]]], stride: int, *, ttl: int = 5, step: int = 1
 ) -> dict[int, list[list[tuple[int, int]]]]:
     """All crops that the model is shown in each frame, fed and asked as a run does."""
     model = Listener(stride)
-    window, tracker = HeadWindow(model, None), Tracker(TrackingSettings(ttl=ttl))
+    window, tracker = HeadWindow(model, None, step), Tracker(TrackingSettings(ttl=ttl))
     found, waiting = {}, sorted(frames)
 
     def ask(ready: Iterable[int]) -> None:
@@ -95,6 +95,11 @@ def test_at_the_ends_of_the_clip_the_frame_itself_is_repeated() -> None:
     assert [number for number, _ in found[1][0]] == [1, 1, 1, 1, 3, 5, 7]
     assert [number for number, _ in found[5][0]] == [5, 1, 3, 5, 7, 9, 5]
     assert [number for number, _ in found[10][0]] == [4, 6, 8, 10, 10, 10, 10]
+
+
+def test_frames_may_be_numbered_in_tens() -> None:
+    found = shown(dict.fromkeys(range(10, 110, 10), (ANNA,)), 2, step=10)
+    assert [number for number, _ in found[50][0]] == [50, 10, 30, 50, 70, 90, 50]
 
 
 def test_where_the_head_was_not_found_the_frame_itself_is_repeated() -> None:
