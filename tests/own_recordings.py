@@ -24,7 +24,7 @@ from tests.disk import write_image, write_video
 from tests.recordings import rectified_camera, write_pairs
 
 WIDTH, HEIGHT, FX, CX, CY, BASELINE_M = 960, 540, 700.0, 479.5, 269.5, 0.12
-FRAMES, STEP_NS, START_NS = range(1, 5), 40_000_000, 1_700_000_000_000_000_000
+FRAMES, STEP_NS, START_NS = range(1, 5), 500_000_000, 1_700_000_000_000_000_000
 PHOTOGRAPH = "image02616"
 EYES_PX, FACE_SIDE_PX, FACE_DISPARITY, WALL_DISPARITY = (480, 250), 170, 52, 28
 EYES_IN_PHOTOGRAPH = (0.37, 0.55)
@@ -131,7 +131,8 @@ def mcap(root: Path, data: Path) -> Path:
 
 def side_by_side(root: Path, data: Path) -> Path:
     """A film with both views in each picture, without loss."""
-    return write_video(root / "desk.avi", [np.concatenate([each.left, each.right], axis=1) for each in views(data)])
+    pictures = [np.concatenate([each.left, each.right], axis=1) for each in views(data)]
+    return write_video(root / "desk.avi", pictures, rate_hz=1e9 / STEP_NS)
 
 
 def depth_bag(root: Path, data: Path) -> Path:
