@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,8 @@ from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.tracking import Tracked, Tracker
 from vfoa.types import Gaze, Percepts, Person, Scene, StereoFrame
+
+_Followed = TypeVar("_Followed")
 
 
 class FollowedFrame(NamedTuple):
@@ -191,7 +193,9 @@ class Perception:
                     self._memo.timings = {}
                     percepts = perceive(frame, group.stages, executor=self._heads_thread)
                     if group.instances not in numbered:
-                        numbered[group.instances] = _number(percepts, group.instances)
+                        numbered[group.instances] = _following(
+                            guarded, "tracking", group.instances.step, percepts.instances
+                        )
                     instances, seconds = numbered[group.instances]
                     self._memo.charge("tracking", seconds)
                     percepts = instances.renumber(percepts)
@@ -199,7 +203,7 @@ class Perception:
                     for name in names:
                         tracker, window = group.trackers[name], group.windows.get(name)
                         if tracker not in tracks:
-                            tracks[tracker] = _follow(percepts, tracker)
+                            tracks[tracker] = _following(_tracked, percepts, tracker)
                         if window and window not in fed:
                             window.add(percepts, tracks[tracker][0].ids)
                             fed.add(window)
@@ -238,7 +242,7 @@ class Perception:
                 tracked, seconds = tracks[group.trackers[name]]
                 memo.charge("tracking", seconds)
                 if (namer := group.namers[name]) not in named:
-                    named[namer] = _name(scene, tracked, namer)
+                    named[namer] = _following(namer.step, scene, tracked)
                 names, seconds = named[namer]
                 memo.charge("tracking", seconds)
                 scene = replace(scene, names=names.targets)
@@ -334,29 +338,18 @@ _FRAMES_OF_STEP = 200
 """Frames from whose numbers and times the step is found."""
 
 
-def _number(percepts: Percepts, tracker: InstanceTracker) -> tuple[Numbered, float]:
-    """The instances under the numbers that they had before, and the seconds that it took."""
+def _following(step: Callable[..., _Followed], *inputs: object) -> tuple[_Followed, float]:
+    """What a step that follows or names returns, and the seconds that it took."""
     seconds: Timings = {}
     with timed(seconds, "tracking"):
-        numbered = guarded("tracking", tracker.step, percepts.instances)
-    return numbered, seconds["tracking"]
+        followed = step(*inputs)
+    return followed, seconds["tracking"]
 
 
-def _follow(percepts: Percepts, tracker: Tracker) -> tuple[Tracked, float]:
-    """The tracks of the heads, and the seconds that it took."""
-    seconds: Timings = {}
-    with timed(seconds, "tracking"):
-        people = tuple(Person(view=view, instance_id=None, eye_origin_left=None) for view in percepts.views)
-        tracked = guarded("tracking", tracker.step, people)
-    return tracked, seconds["tracking"]
-
-
-def _name(scene: Scene, tracked: Tracked, namer: Namer) -> tuple[FrameNames, float]:
-    """The names in the scene, and the seconds that it took."""
-    seconds: Timings = {}
-    with timed(seconds, "tracking"):
-        names = namer.step(scene, tracked)
-    return names, seconds["tracking"]
+def _tracked(percepts: Percepts, tracker: Tracker) -> Tracked:
+    """The tracks of the heads."""
+    people = tuple(Person(view=view, instance_id=None, eye_origin_left=None) for view in percepts.views)
+    return guarded("tracking", tracker.step, people)
 
 
 def _answers(
