@@ -10,6 +10,7 @@ import numpy as np
 from tests.scenes import make_box, make_rig, rendered_boxes
 from vfoa.geometry import project, unit
 from vfoa.pipeline import Stages
+from vfoa.pixels import relabel
 from vfoa.types import Disparity, Float, Gaze, Head, HeadPose, Instances, Percepts, StereoFrame
 
 PERSON, NEAR, FAR = 1, 2, 3
@@ -56,11 +57,9 @@ class TrueGaze(Seen):
 
 def renamed(instances: Instances, other: Mapping[int, int]) -> Instances:
     """The same instances under other ids, by those that they have."""
-    table = np.zeros(max(*other, *other.values()) + 1, np.uint16)
-    table[list(other)] = list(other.values())
     return replace(
         instances,
-        ids=table[instances.ids],
+        ids=relabel(instances.ids, other),
         instances=tuple(replace(each, id=other[each.id]) for each in instances.instances),
     )
 

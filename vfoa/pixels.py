@@ -1,8 +1,9 @@
-"""Parts of the image, and the points of their pixels in space."""
+"""Maps of ids, parts of the image, and the points of their pixels in space."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,15 @@ class ViewMaps:
     disparity: Disparity
     instances: Instances
     rig: StereoRig
+
+
+def relabel(ids: NDArray[np.unsignedinteger], numbers: Mapping[int, int]) -> NDArray[np.uint16]:
+    """Convert an id map (H, W) to the number of each id, in 16 bits; an id without one becomes 0, no instance."""
+    table = np.zeros(int(ids.max(initial=0)) + 1, np.uint16)
+    for id_, number in numbers.items():
+        if id_ < len(table):
+            table[id_] = number
+    return table.take(ids)  # in two thirds of the time of table[ids]
 
 
 def window_of(u0: float, v0: float, u1: float, v1: float, rig: StereoRig) -> Window:

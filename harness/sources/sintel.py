@@ -17,9 +17,10 @@ from harness.files.io import read_bytes
 from harness.sources import Recognised, Truth, check_number
 from harness.sources.calibration import Calibration
 from harness.sources.media.images import read_raw, read_rgb, width_by_height
-from harness.sources.media.maps import read_disparity, relabel, small_ids
+from harness.sources.media.maps import read_disparity, small_ids
 from harness.sources.stereo_pairs import check_sizes
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.pixels import relabel
 from vfoa.settings import Settings
 from vfoa.types import Disparity, Float, Instance, Instances, StereoFrame
 

@@ -22,8 +22,9 @@ from harness.pipeline.stage_files.maps import check_size
 from harness.sources import Clip
 from harness.sources.media.frame_files import FolderFiles, number_names
 from harness.sources.media.images import read_raw
-from harness.sources.media.maps import present_ids, relabel, small_ids
+from harness.sources.media.maps import present_ids, small_ids
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.pixels import relabel
 from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.types import Instance, Instances, StereoFrame
 

@@ -21,11 +21,12 @@ from harness.pipeline.configuration import OFF
 from harness.pipeline.stage_files.maps import MapFiles, check_size
 from harness.sources import Clip
 from harness.sources.media.frame_files import check_printf
-from harness.sources.media.maps import LARGEST_ID, present_ids, read_ids, relabel, small_ids
+from harness.sources.media.maps import LARGEST_ID, present_ids, read_ids, small_ids
 from vfoa.coco import category_ids
 from vfoa.drawn import covered_things
 from vfoa.errors import VfoaError, did_you_mean, reported_as
 from vfoa.measured import PERSON
+from vfoa.pixels import relabel
 from vfoa.segmentation import SEGMENTERS, Segmenter
 from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.types import Instance, Instances, StereoFrame

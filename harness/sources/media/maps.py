@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -214,12 +214,3 @@ def present_ids(ids: NDArray[np.uint32]) -> NDArray[np.intp]:
     is_present = np.zeros(int(ids.max(initial=0)) + 1, np.bool_)
     is_present[ids] = True
     return np.flatnonzero(is_present)
-
-
-def relabel(ids: NDArray[np.uint32], small: Mapping[int, int]) -> NDArray[np.uint16]:
-    """Convert an id map (H, W) to 16 bits; ids that are not in ``small`` become 0, no instance."""
-    table = np.zeros(int(ids.max(initial=0)) + 1, np.uint16)
-    for number, other in small.items():
-        if number < len(table):
-            table[number] = other
-    return table[ids]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from harness.pipeline.stage_files.coco_panoptic import CocoPanoptic, CocoPanopticSettings
 from harness.pipeline.stage_files.maps import FileMatcher, FileMatcherSettings
-from harness.sources.media.maps import read_disparity, read_pfm, relabel, small_ids
+from harness.sources.media.maps import read_disparity, read_pfm, small_ids
 from harness.sources.sintel import SintelClip, SintelSettings
 from harness.sources.stereo_folder import StereoFolderClip
 from tests.disk import (
@@ -26,6 +26,7 @@ from tests.disk import (
 )
 from tests.pairs import open_pairs
 from vfoa.errors import VfoaError
+from vfoa.pixels import relabel
 
 CATEGORIES = [
     {"id": 1, "name": "person", "isthing": 1},

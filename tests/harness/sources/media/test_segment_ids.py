@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from harness.sources.media.maps import present_ids, relabel
+from harness.sources.media.maps import present_ids
+from vfoa.pixels import relabel
 
 some_ids = st.sampled_from([0, 1, 7, 255, 256, 65535, 65536, 2**24 - 1])
 maps = arrays(np.uint32, st.tuples(st.integers(0, 4), st.integers(0, 4)), elements=some_ids)
