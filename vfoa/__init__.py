@@ -6,7 +6,7 @@ The method is that of Simões and Moreno, "3D estimation of visual focus of atte
 
     estimator = vfoa.Estimator.open()                                    # as `vfoa run CLIP`
     rig = vfoa.rectified_rig(left, fx_px=700, cx_px=640, cy_px=360, baseline_m=0.12)
-    print(estimator.estimate(left, right, rig))                          # person 1 looks at cup ...
+    print(estimator.estimate(left, right, rig))                          # person 1 looks at cup#2 ...
 
 Modules are imported when a name of theirs is first used. ONNX Runtime's usage statistics are switched off in this
 process and its children, unless the environment sets ``ORT_DISABLE_TELEMETRY=0``.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -64,20 +63,12 @@ class Estimate:
 
     @property
     def target_names(self) -> Mapping[int, str]:
-        """Names of the targets by instance id: the label, with a number where several have the same one (``cup 2``).
+        """Names of the targets by instance id: ``cup#3``, label and id, as a run calls what its manifest does not name.
 
-        The numbers go by the ids, which :meth:`vfoa.estimator.Estimator.follow` keeps from frame to frame.
+        :meth:`vfoa.estimator.Estimator.follow` keeps the ids, and so the names, from frame to frame.
         """
-        instances = sorted((target.instance for target in self.result.scene.targets), key=lambda instance: instance.id)
-        alike = Counter(instance.label for instance in instances)
-        seen: Counter[str] = Counter()
-        names = {}
-        for instance in instances:
-            seen[instance.label] += 1
-            names[instance.id] = (
-                f"{instance.label} {seen[instance.label]}" if alike[instance.label] > 1 else instance.label
-            )
-        return names
+        instances = (target.instance for target in self.result.scene.targets)
+        return {instance.id: instance.automatic_name for instance in instances}
 
     def __str__(self) -> str:
         return "\n".join(map(str, self.looks)) or "nobody was found"

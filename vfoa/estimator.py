@@ -74,7 +74,7 @@ class Estimator:
     --------
     >>> estimator = vfoa.Estimator.open({"stereo.matcher": "bm", "attention.method": "nearest"})
     >>> print(estimator.estimate(left, right, rig))
-    person 1 looks at cup (attention 0.43), 1.21 m away
+    person 1 looks at cup#2 (attention 0.43), 1.21 m away
     """
 
     def __init__(

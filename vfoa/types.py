@@ -204,6 +204,11 @@ class Instance:
     name: str | None = None
     keeps_id: bool = False
 
+    @property
+    def automatic_name(self) -> str:
+        """The name of an object that nobody named, ``label#id``: it does not depend on what else is in the frame."""
+        return f"{self.label}#{self.id}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Instances:

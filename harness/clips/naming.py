@@ -157,7 +157,7 @@ def name_instances(
     names = _named(names, (*_in_turn(subjects, memory), exact), things)
     shared = {rule.category: name for name, rule in targets.items() if rule.is_shared}
     names |= {thing.key: shared[thing.label] for thing in things if thing.key not in names and thing.label in shared}
-    return {thing.key: names.get(thing.key, f"{thing.label}#{thing.key}") for thing in things}
+    return {instance.id: names.get(instance.id, instance.automatic_name) for instance, _ in seen}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

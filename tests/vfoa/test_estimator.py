@@ -46,9 +46,23 @@ def test_two_images_and_a_rig_give_who_looks_at_what_by_name(percepts: Percepts)
     assert str(estimate).startswith(f"person 1 looks at {look.target} (attention ")
 
 
-def test_targets_with_one_label_are_numbered(percepts: Percepts) -> None:
-    estimate = vfoa.Estimator(true_stages(percepts, FAR), reconstruction=PATCH).estimate(BLACK, BLACK, percepts.rig)
-    assert len(set(estimate.target_names.values())) == len(estimate.target_names) == 3
+def test_the_name_of_a_target_does_not_depend_on_which_others_are_in_the_frame(percepts: Percepts) -> None:
+    """It is the one that a run gives: ``label#id``."""
+    alone = replace(
+        percepts,
+        instances=Instances(
+            ids=np.where(percepts.instances.ids == NEAR, 0, percepts.instances.ids),
+            instances=tuple(each for each in percepts.instances.instances if each.id != NEAR),
+        ),
+    )
+    estimates = (
+        vfoa.Estimator(true_stages(given, FAR), reconstruction=PATCH).estimate(BLACK, BLACK, percepts.rig)
+        for given in (percepts, alone)
+    )
+    both, one = (estimate.target_names for estimate in estimates)
+    label = percepts.instances.instances[-1].label
+    assert both == {1: "person#1", NEAR: f"{label}#{NEAR}", FAR: f"{label}#{FAR}"}
+    assert one == {1: "person#1", FAR: f"{label}#{FAR}"}
 
 
 @pytest.mark.parametrize("missing", NoAttention)
