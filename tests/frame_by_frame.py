@@ -133,7 +133,7 @@ def judge(record: FrameRecord, subject: str, label: Label | None, traits: Answer
     if label is not None and label.target != IGNORED:
         error_type = _error_type(record, subject, person, label, predicted)
         outcome = "wrong" if error_type else "correct"
-    if traits.says_nowhere and predicted == NO_HIT:
+    if traits.says_nowhere and predicted == NO_HIT and not (person and person.missing == "no_hit"):
         predicted, error_type = NOWHERE, "missed" if error_type == "no_hit" else error_type
     if traits.from_file and error_type is not None:
         error_type = OF_SCENE.get(error_type, error_type)
@@ -151,7 +151,7 @@ def judge(record: FrameRecord, subject: str, label: Label | None, traits: Answer
 
 
 def _predicted(record: FrameRecord, person: SubjectRecord | None) -> str | None:
-    if person is None or person.missing not in (None, NO_OBJECT):
+    if person is None or person.missing not in (None, NO_OBJECT, "no_hit"):
         return None
     if person.focus is not None:
         return record.target(person.focus).name
@@ -166,8 +166,8 @@ def _error_type(
         return "no_subject"
     if person.missing == "no_direction" and person.no_gaze is not None:
         return person.no_gaze
-    if person.missing == NO_OBJECT:
-        return None if label.target == NOWHERE else NO_OBJECT
+    if person.missing in (NO_OBJECT, "no_hit"):
+        return None if label.target == NOWHERE else person.missing
     if person.missing is not None:
         return person.missing
     if person.focus in right_answers(record, label):

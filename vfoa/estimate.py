@@ -15,6 +15,7 @@ _REASONS = {
     NoAttention.NO_DIRECTION: "neither gaze nor head pose was measured",
     NoAttention.NO_ANSWER: "the method has no answer",
     NoAttention.NO_OBJECT: "there is no target at the point that the person looks at",
+    NoAttention.NO_HIT: "nothing was hit",
 }
 
 

@@ -550,6 +550,8 @@ class NoAttention(Enum):
     """Of a method that reads its answers: they have none for this person and frame."""
     NO_OBJECT = "no_object"
     """The point that the person looks at lies on no target."""
+    NO_HIT = "no_hit"
+    """Of a method that reads its answers: those of one whose rays hit nothing, and that cannot say "nowhere"."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from harness.clips.manifest import manifest_of_run
 from harness.files.io import check_new
 from harness.files.tables import write_rows
 from harness.labels.labels import NOWHERE
-from harness.pipeline.stage_files.answer_tables import CHANCE
+from harness.pipeline.stage_files.answer_tables import CHANCE, NO_HIT
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, choose, read_clip_records
@@ -66,7 +66,7 @@ def answer_table(records: ClipRecords) -> tuple[tuple[str, ...], list[tuple[obje
             if person.name is not None:
                 people.setdefault(person.name, person)  # of two tracks with one name the first counts, as in the score
         for name, person in people.items():
-            target, instance_id = _focus(record, person)
+            target, instance_id = _focus(record, person, nothing=NOWHERE if records.says_nowhere else NO_HIT)
             chances = dict[str, float]()
             if target is not None:
                 # zeros where nothing else is there: a blank row would say that no probability is known
@@ -75,12 +75,15 @@ def answer_table(records: ClipRecords) -> tuple[tuple[str, ...], list[tuple[obje
     return header, rows
 
 
-def _focus(record: FrameRecord, person: SubjectRecord) -> tuple[str | None, int | None]:
-    """The name of a person's focus, None for no answer; and which instance, if the name is that of several."""
+def _focus(record: FrameRecord, person: SubjectRecord, nothing: str) -> tuple[str | None, int | None]:
+    """The name of a person's focus, None for no answer; and which instance, if the name is that of several.
+
+    ``nothing`` is the word for no focus: the answer "nowhere", or no answer of a method that cannot say it.
+    """
     if person.missing is not None:
-        return None, None
+        return (NO_HIT if person.missing == NO_HIT else None), None
     if person.focus is None:
-        return NOWHERE, None
+        return nothing, None
     name = record.target(person.focus).name
     is_shared = sum(target.name == name for target in record.targets) > 1
     return name, person.focus if is_shared else None

@@ -237,6 +237,7 @@ class _Pair:
         predicted[seen], error_type[seen] = answers.predicted(), answers.error_types(code(subject))
         if self.traits.says_nowhere:
             is_nothing = predicted == code(NO_HIT)
+            is_nothing[seen] &= answers.missing != code("no_hit")
             predicted[is_nothing] = code(NOWHERE)
             error_type[is_nothing & (error_type == code("no_hit"))] = code("missed")
         if self.traits.from_file:
@@ -302,7 +303,7 @@ class _SubjectAnswers:
         self.names, self.ids, self.totals = view.names[people], view.ids[people], pair.totals[people]
         self.centers_m, self.has_box = view.centers_m[people], view.has_box[people]
         self.missing, self.no_gaze = columns.missing[people], columns.looks.no_gaze[people]
-        self.is_given = (self.missing == UNKNOWN) | (self.missing == self.code(NO_OBJECT))
+        self.is_given = np.isin(self.missing, (UNKNOWN, self.code(NO_OBJECT), self.code("no_hit")))
         self.focus = np.where(columns.focus[people] == UNKNOWN, UNKNOWN, columns.focus[people] - view.firsts[people])
         self.truly_nowhere, self.right = label.is_nowhere, named_by(label, view, people)
 
@@ -328,7 +329,7 @@ class _SubjectAnswers:
         is_self = (self.focus != UNKNOWN) & (self._at_focus(self.names) == subject)
         cases = (
             ((missing == code("no_direction")) & (self.no_gaze != UNKNOWN), self.no_gaze),
-            ((missing == code(NO_OBJECT)) & nowhere, UNKNOWN),
+            (np.isin(missing, (code(NO_OBJECT), code("no_hit"))) & nowhere, UNKNOWN),
             (missing != UNKNOWN, missing),
             (is_right, UNKNOWN),
             (nowhere, code("false_attention")),

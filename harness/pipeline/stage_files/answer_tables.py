@@ -5,7 +5,8 @@ time_s,subject,target[,instance_id][,p_NAME...]
 frame,subject,u_px,v_px[,in_image]
 
 CSV in any dialect, or Parquet. A row is one person in one frame. ``target`` is a name of the manifest (a target or a
-subject), ``none`` for "looks at nothing", or blank for no answer; a frame without a row has none either.
+subject), ``none`` for "looks at nothing", blank for no answer (a frame without a row has none either), or ``no_hit`` of
+a method that cannot say "nothing" and hit nothing, such as cones: right if the label is ``none``, and no answer.
 ``instance_id`` says which one it is where things share a name; default: the first. ``p_NAME`` are probabilities of
 targets, ``p_none`` that of nothing, which without a column has the rest up to 1; a blank cell is 0. With
 probabilities a blank target is the likeliest one. A thing that the manifest does not name is ``label#id``, as vfoa's
@@ -33,11 +34,14 @@ from harness.files.tables import TableColumns, read_columns
 from harness.labels.labels import NOWHERE
 from harness.sources.measured.idiap import answers_of_idiap, is_tracker_output
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.types import NoAttention
 
 KEYS = ("frame", "time_s")
 """Columns that say which frame a row is of; a table has one of them."""
 NAMED = ("target", "instance_id")
 POINT = ("u_px", "v_px")
+NO_HIT = NoAttention.NO_HIT.value
+"""The target of a person for whom a method hit nothing that cannot say "looks at nothing"."""
 CHANCE = "p_"
 """How the name of a column of probabilities begins."""
 
@@ -49,7 +53,7 @@ _TOLERANCE = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """One person's answer in a frame: a name or :data:`NOWHERE`; ``instance_id`` is which one of that name.
+    """One person's answer in a frame: a name, :data:`NOWHERE` or :data:`NO_HIT`; ``instance_id``: which one of a name.
 
     ``chances`` are the probabilities of names above 0; empty where the system gives none. ``point_px`` (u, v) is the
     point looked at, in place of a name.
@@ -63,7 +67,7 @@ class Answer:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all that it speaks of."""
-        return tuple(name for name in (self.target, *self.chances) if name != NOWHERE)
+        return tuple(name for name in (self.target, *self.chances) if name not in (NOWHERE, NO_HIT))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,6 +207,8 @@ class _CheckedTable:
         chances = {name: float(column[row]) for name, column in self.chances.items() if column[row] > 0}
         if self._has_chances[row] and NOWHERE not in self.chances and (rest := 1 - sum(chances.values())) > 0:
             chances[NOWHERE] = rest
+        if target == NO_HIT and not chances:
+            return Answer(target=NO_HIT)
         if self.chances and not chances:
             if target:
                 raise VfoaError(f"{where}: target {target!r}: found no probability; expected those of this row, too")

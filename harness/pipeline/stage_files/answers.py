@@ -23,7 +23,7 @@ from harness.files.digests import file_digest
 from harness.files.remote import expand
 from harness.labels.labels import NOWHERE
 from harness.pipeline.configuration import CLIP_VARIABLE
-from harness.pipeline.stage_files.answer_tables import Answer, Answers, read_answers
+from harness.pipeline.stage_files.answer_tables import NO_HIT, Answer, Answers, read_answers
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 from vfoa.methods import MethodSettings
@@ -145,6 +145,8 @@ class FileAnswers:
 def _attention(subject: Subject, answer: Answer | None, scene: Scene) -> Attention:
     if answer is None:
         return Attention(subject=subject, missing=NoAttention.NO_ANSWER)
+    if answer.target == NO_HIT:
+        return Attention(subject=subject, missing=NoAttention.NO_HIT)
     if answer.point_px is not None:
         return _attention_to(subject, scene.looked_at[subject.name or ""], scene)
     ids: dict[str, int] = {}

@@ -328,10 +328,19 @@ def _leave_anna_alone(tables: Path, frame: int) -> None:
 
 
 def test_what_is_exported_and_read_again_has_the_same_scores(talk: Path) -> None:
-    """A posterior with its probabilities, and a rule that can say "nowhere". In the last frame Anna is alone."""
+    """A posterior with its probabilities, a rule that can say "nowhere", and cones, which cannot: they hit nothing.
+
+    In the last frame Anna is alone.
+    """
     _leave_anna_alone(talk / "data" / "talk", frame=12)
     write_text(talk / "annotations" / "talk.csv", true_labels().replace("7,12,ben,robot", "7,12,ben,none"))
-    methods = {"forward": {"attention.method": "bayes"}, "near": _nearest(5)}
+    cone = {
+        "attention.method": "cones",
+        "attention.cones_deg": [30],
+        "attention.n_rays": 1,
+        "attention.axis_ray": False,
+    }
+    methods = {"forward": {"attention.method": "bayes"}, "near": _nearest(5), "hollow": cone}
     write_text(talk / "talk.toml", _experiment(**methods))
     first, scores = _run(talk)
     for name in methods:
@@ -347,8 +356,21 @@ def test_what_is_exported_and_read_again_has_the_same_scores(talk: Path) -> None
             for each in (name, f"{name}_read")
         )
         for a, b in zip(own, theirs, strict=True):
-            for column in ("frames", "correct", "predicted", "says_nowhere", "confidence", "on_truth", "brier"):
+            for column in (
+                "frames",
+                "correct",
+                "predicted",
+                "no_hit",
+                "says_nowhere",
+                "confidence",
+                "on_truth",
+                "brier",
+            ):
                 np.testing.assert_array_equal(getattr(a, column), getattr(b, column), err_msg=f"{name} {column}")
+        assert _row(scores, name).coverage == _row(scores, f"{name}_read").coverage
+    hollow = [outcome for outcome in scores.judged_subjects if outcome.configuration == "hollow_read"]
+    assert any((of_subject.no_hit & ~of_subject.nowhere).any() for of_subject in hollow)
+    assert any((of_subject.no_hit & of_subject.nowhere & of_subject.correct).any() for of_subject in hollow)
     assert not all(outcome.correct.all() for outcome in scores.judged_subjects)
 
 

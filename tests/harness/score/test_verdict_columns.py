@@ -60,7 +60,9 @@ def frames(draw: st.DrawFn, number: int) -> FrameRecord:
             gaze=draw(st.none() | vectors),
             gaze_sigma_rad=None,
             head=draw(st.none() | vectors),
-            missing=draw(st.none() | st.sampled_from(("no_eyes_3d", "no_direction", "no_object", "no_answer"))),
+            missing=draw(
+                st.none() | st.sampled_from(("no_eyes_3d", "no_direction", "no_object", "no_hit", "no_answer"))
+            ),
             attention=tuple(
                 AttentionRecord(instance_id=each, gaze=None, head=None, total=total / scale)
                 for each, total in sorted(zip(attended, totals, strict=True), key=lambda each: ids.index(each[0]))
