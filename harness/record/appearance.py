@@ -12,6 +12,7 @@ import numpy as np
 
 from harness.labels.labels import IGNORED, NOWHERE
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord
+from harness.score.verdicts import probabilities
 from vfoa.geometry import CONE_HEIGHT_M, left_from_crop
 from vfoa.types import Attention, Cone, Cue, Float, Scene
 
@@ -95,6 +96,15 @@ def attention_by_name(record: FrameRecord, subject: SubjectRecord) -> dict[str, 
         if name not in strongest or value.total > strongest[name].total:
             strongest[name] = value
     return strongest
+
+
+def totals_by_name(record: FrameRecord, subject: SubjectRecord, *, probabilistic: bool) -> dict[str, float]:
+    """A subject's total attention by the target's manifest name; of probabilities, also that of looking at nothing.
+
+    The greatest is the answer.
+    """
+    totals = {name: value.total for name, value in attention_by_name(record, subject).items()}
+    return {**totals, NOWHERE: probabilities(subject)[None]} if probabilistic and totals else totals
 
 
 def reach_m(attention: Attention, scene: Scene) -> float:

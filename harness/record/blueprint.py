@@ -257,7 +257,8 @@ frame. The timelines below show truth, answer and verdict over time.
 - **Yellow** is the gaze, **blue** is the head: an arrow, its cones, and their rays. Rays that hit a box are bright and
   end there; rays that hit nothing are dim.
 - **Green** marks what the person truly looks at, **red** a wrong answer: a box, and a line from the eyes to it.
-- **Attention**: one curve per target; the highest is the answer. The tabs beside it show the part of each cue.
+- **Attention**: one curve per target, and with probabilities a grey one of looking at *none*; the highest is the
+  answer. The tabs beside it show the part of each cue.
 
 A gap in a curve or a timeline: there is no value in these frames.
 """

@@ -8,6 +8,7 @@ from functools import cache, partial
 import numpy as np
 import rerun as rr
 
+from harness.labels.labels import NOWHERE
 from harness.record import entities
 from harness.record.appearance import (
     CUE_COLOURS,
@@ -19,6 +20,7 @@ from harness.record.appearance import (
     reach_m,
     subject_names,
     target_names,
+    totals_by_name,
 )
 from harness.record.frame_log import FrameLog
 from harness.record.images import class_context, png
@@ -53,8 +55,13 @@ def log_attention(
     record: FrameRecord,
     colours: Colours,
     known: Sequence[str],
+    *,
+    probabilistic: bool,
 ) -> None:
-    """Log all subjects of a frame under a configuration. ``known`` are the names of the manifest, in its order."""
+    """Log all subjects of a frame under a configuration. ``known`` are the names of the manifest, in its order.
+
+    ``probabilistic``: attention is a probability, and looking at nothing has the rest up to 1.
+    """
     names = subject_names(record)
     for attention in result.attentions:
         path = entities.subject_3d(configuration, names[attention.subject.track_id])
@@ -64,7 +71,7 @@ def log_attention(
         _log_cones(log, path, cones, reach)
         if rays is not None:
             _log_rays(log, path, cones, rays, reach)
-    _log_curves(log, configuration, record, names, colours, known)
+    _log_curves(log, configuration, record, names, colours, known, probabilistic=probabilistic)
     _log_heads(log, configuration, record, names)
     _log_targets_2d(log, configuration, record, colours)
 
@@ -124,6 +131,8 @@ def _log_curves(
     names: dict[int, str],
     colours: Colours,
     known: Sequence[str],
+    *,
+    probabilistic: bool,
 ) -> None:
     """Log the curves of each subject: one entity for all names of the manifest, one for each other name.
 
@@ -131,9 +140,16 @@ def _log_curves(
     """
     for subject in record.subjects:
         values, person = attention_by_name(record, subject), names[subject.track_id]
-        others = [name for name in dict.fromkeys(known) if name != person]
-        for what in ("total", *CUES):
-            by_name = {name: number for name, value in values.items() if (number := getattr(value, what)) is not None}
+        curves: dict[str, dict[str, float]] = {
+            "total": totals_by_name(record, subject, probabilistic=probabilistic),
+            **{
+                cue: {name: number for name, value in values.items() if (number := getattr(value, cue)) is not None}
+                for cue in CUES
+            },
+        }
+        for what, by_name in curves.items():
+            nowhere = (NOWHERE,) if probabilistic and what == "total" else ()
+            others = [name for name in dict.fromkeys((*known, *nowhere)) if name != person]
             numbers = np.array([by_name.pop(name, np.nan) for name in others])
             if not np.isnan(numbers).all():
                 path = entities.curves(configuration, person, what)

@@ -128,6 +128,8 @@ class Recorder:
         Frames per second at which the viewer plays; None if the source does not know it.
     names
         The names of the manifest, in its order: their curves are one entity.
+    probabilistic
+        Whether attention is a probability: "looks at nothing" then has a curve, too.
     """
 
     files: ClipFiles
@@ -136,6 +138,7 @@ class Recorder:
     _: KW_ONLY
     rate_hz: float | None
     names: Sequence[str] = ()
+    probabilistic: bool = False
 
     def __enter__(self) -> Self:
         self._further = load_entities()
@@ -153,7 +156,15 @@ class Recorder:
         record = frame.record
         log = self._layer.part("attention")
         log.begin(record.frame, record.time_ns)
-        log_attention(log, self.layers.configuration, frame.result, record, self.colours, self.names)
+        log_attention(
+            log,
+            self.layers.configuration,
+            frame.result,
+            record,
+            self.colours,
+            self.names,
+            probabilistic=self.probabilistic,
+        )
         for log_further in self._further:
             log_further(log, frame)
         log.end()

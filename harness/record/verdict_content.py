@@ -23,6 +23,7 @@ from harness.record.appearance import (
     attention_by_name,
     subject_names,
     target_names,
+    totals_by_name,
 )
 from harness.record.frame_log import FrameLog
 from harness.run.records import AttentionRecord, FrameRecord
@@ -155,7 +156,8 @@ def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
         lines.append(f"| {' | '.join(row)} |")
     types = dict.fromkeys(verdict.error_type for verdict in verdicts if verdict.error_type)
     meanings = [f"{error_type.replace('_', ' ')}: {ERROR_TYPES[error_type]}\n" for error_type in types]
-    parts = *meanings, *_masks_note(record), *_prediction_sets(record, verdicts), *_attention_table(record)
+    probable = {verdict.subject for verdict in verdicts if verdict.confidence is not None}
+    parts = *meanings, *_masks_note(record), *_prediction_sets(record, probable), *_attention_table(record, probable)
     return "\n".join([*lines, "", *parts]) + "\n"
 
 
@@ -167,26 +169,35 @@ def _masks_note(record: FrameRecord) -> list[str]:
     return [f"Masks: carried from frame {record.masks_from}{age}\n"]
 
 
-def _prediction_sets(record: FrameRecord, verdicts: Sequence[Verdict]) -> list[str]:
+def _prediction_sets(record: FrameRecord, probable: Collection[str]) -> list[str]:
     """A line for each subject whose attention is a probability: the smallest set with 90 % of it."""
     names, targets = subject_names(record), target_names(record)
-    known = {verdict.subject for verdict in verdicts if verdict.confidence is not None}
     lines = []
     for subject in record.subjects:
-        if names[subject.track_id] in known and (held := prediction_set(subject)):
+        if names[subject.track_id] in probable and (held := prediction_set(subject)):
             words = ", ".join(_cell(NOWHERE if key is None else targets[key]) for key in held)
             lines.append(f"{_cell(names[subject.track_id])}, 90 % set: {words}\n")
     return lines
 
 
-def _attention_table(record: FrameRecord) -> list[str]:
-    """One row per target, one column per subject, the most attended target first."""
+def _attention_table(record: FrameRecord, probable: Collection[str]) -> list[str]:
+    """One row per target, one column per subject, the most attended target first.
+
+    Subjects whose attention is a probability, ``probable``, have a row for looking at nothing.
+    """
     names = subject_names(record)
-    columns = {names[subject.track_id]: attention_by_name(record, subject) for subject in record.subjects}
+    columns: dict[str, dict[str, str]] = {}
     strongest: dict[str, float] = {}
-    for column in columns.values():
-        for target, value in column.items():
-            strongest[target] = max(value.total, strongest.get(target, 0.0))
+    for subject in record.subjects:
+        name = names[subject.track_id]
+        totals = totals_by_name(record, subject, probabilistic=name in probable)
+        by_name = attention_by_name(record, subject)
+        columns[name] = {
+            target: _numbers(by_name[target]) if target in by_name else f"{total:.2f}"
+            for target, total in totals.items()
+        }
+        for target, total in totals.items():
+            strongest[target] = max(total, strongest.get(target, 0.0))
     lines = [f"{_cell(names[s.track_id])}: no attention, {_cell(s.missing)}\n" for s in record.subjects if s.missing]
     lines += [f"{_cell(names[s.track_id])}: {ERROR_TYPES[s.no_gaze]}\n" for s in record.subjects if s.no_gaze]
     if not strongest:
@@ -194,7 +205,7 @@ def _attention_table(record: FrameRecord) -> list[str]:
     lines.append(f"| total (gaze, head) | {' | '.join(_cell(name) for name in columns)} |")
     lines.append("|---" * (1 + len(columns)) + "|")
     for target in sorted(strongest, key=lambda target: (-strongest[target], target)):
-        cells = [_numbers(column[target]) if target in column else "" for column in columns.values()]
+        cells = [column.get(target, "") for column in columns.values()]
         lines.append(f"| {_cell(target)} | {' | '.join(cells)} |")
     return lines
 

@@ -71,6 +71,7 @@ class RecordingSinks:
             colours,
             rate_hz=context.rate_hz,
             names=_names(context),
+            probabilistic=context.probabilistic,
         )
 
     def files(self, directory: RunDirectory, pair: Pair) -> tuple[Path, ...]:

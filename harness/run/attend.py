@@ -137,8 +137,7 @@ class Answering:
     ) -> None:
         self.error: VfoaError | None = None
         self._clip, self._configuration, self._factories = clip, configuration, factories
-        of_clip = {each.name: getattr(context, each.name) for each in fields(ClipContext)}
-        self._context = SinkContext(**of_clip, configuration=configuration.name)
+        self._context = context
         self._pair = context.manifest.name, configuration.name
         self._answers = AnswerWriter(context.directory, self._pair, keys, filtered_cues(configuration.plain()))
         self._attender: Attender
@@ -150,13 +149,18 @@ class Answering:
         try:
             method = guarded("attention", open_method, settings.attention, manifest, self._clip)
             self._attender = Attender(Attending(settings, method))
+            context = self._sink_context(probabilistic=method.probabilistic)
             for factory in self._factories:
-                if (sink := factory.open(self._context)) is not None:
+                if (sink := factory.open(context)) is not None:
                     self._sinks.append(self._open_sinks.enter_context(sink))
             self._sinks.append(self._open_sinks.enter_context(self._answers))
         except VfoaError as error:
             self.fail(error)
         return self
+
+    def _sink_context(self, *, probabilistic: bool) -> SinkContext:
+        of_clip = {each.name: getattr(self._context, each.name) for each in fields(ClipContext)}
+        return SinkContext(**of_clip, configuration=self._configuration.name, probabilistic=probabilistic)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -99,9 +99,10 @@ class ClipContext:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkContext(ClipContext):
-    """Context of a sink: one of the configurations."""
+    """Context of a sink: one of the configurations, and whether its attention is a probability."""
 
     configuration: str
+    probabilistic: bool
 
 
 class SinkFactory(Protocol):

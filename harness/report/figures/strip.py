@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from harness.labels.labels import NOWHERE, Label
-from harness.record.appearance import Colour, Colours, attention_by_name, target_names
+from harness.record.appearance import Colour, Colours, target_names, totals_by_name
 from harness.record.frame_reading import FrameContent
 from harness.report.figures.style import INK, OFF, RIGHT, SOFT, canvas, is_wide
 from harness.run.records import BoxRecord, FrameRecord
@@ -183,14 +183,15 @@ def _corners(box: BoxRecord) -> Float:
 
 
 def _draw_curves(axes: Any, failure: WrongFrame, colours: Colours) -> None:
-    """The attention to each target, over what was true and what was answered."""
+    """The attention to each target, of a probability also that to none, over what was true and what was answered."""
     who = failure.verdict.subject
+    probabilistic = any(verdict.confidence is not None for verdict in failure.verdicts)
     frames = [record.frame for record in failure.records]
     totals: dict[str, list[float]] = {}
     for place, record in enumerate(failure.records):
         if (subject := find_subject(record, who)) is not None:
-            for name, value in attention_by_name(record, subject).items():
-                totals.setdefault(name, [np.nan] * len(frames))[place] = value.total
+            for name, total in totals_by_name(record, subject, probabilistic=probabilistic).items():
+                totals.setdefault(name, [np.nan] * len(frames))[place] = total
     most = max([0.1, *(value for values in totals.values() for value in values if not np.isnan(value))])
     attended = {name: values for name, values in totals.items() if np.nanmax(values) > 0.02 * most}
     for name, values in attended.items():

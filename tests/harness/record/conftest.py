@@ -204,6 +204,7 @@ def write_run(run: Path, frames: Mapping[str, list[Shown]], **options: Any) -> R
     files = ClipFiles(run=run, clip="clip", ids=recording_ids(str(uuid.uuid4()), "clip"))
     options = {"rate_hz": 25, "names": ["red cup", ANN], **options}
     of_each = {key: options[key] for key in ("rate_hz", "names")}
+    of_each["probabilistic"] = options.pop("probabilistic", False)
     with SharedRecorder(files, layers, **options) as recorder:
         for number in numbers:
             recorder.write(

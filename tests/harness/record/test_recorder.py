@@ -84,6 +84,31 @@ def test_the_curves_of_a_manifests_names_are_one_entity(frames, record_run, read
                 assert not found.get(shown.record.frame)
 
 
+def test_of_probabilities_the_highest_curve_is_the_answer(frames, record_run, read_back):
+    """That of looking at nothing has a curve, too: it is the answer where it is more probable than every target."""
+    unsure = []
+    for shown, most in zip(frames, (0.2, 0.3, 0.0, 0.7), strict=True):
+        subjects = []
+        for subject in shown.record.subjects:
+            totals = {subject.attention[0].instance_id: most}
+            values = tuple(replace(value, total=totals.get(value.instance_id, 0.0)) for value in subject.attention)
+            subjects.append(replace(subject, attention=values))
+        unsure.append(replace(shown, record=replace(shown.record, subjects=tuple(subjects))))
+    columns = read_back(record_run(unsure, names=["red cup", "book#4", ANN], probabilistic=True))
+    path = entities.curves(CONFIGURATION, ANN, "total")
+    names = columns.static(path, "SeriesLines:names")
+    curves = {
+        frame: dict(zip(names, found, strict=True))
+        for frame, found in columns.at(path, "Scalars:scalars").items()
+        if found
+    }
+    assert {frame: found["none"] for frame, found in curves.items()} == pytest.approx({10: 0.8, 11: 0.7, 14: 0.3})
+    highest = {frame: max(found, key=lambda name: np.nan_to_num(found[name])) for frame, found in curves.items()}
+    assert highest == {10: "none", 11: "none", 14: "red cup"}
+    gaze = columns.static(entities.curves(CONFIGURATION, ANN, "gaze"), "SeriesLines:names")
+    assert "none" not in gaze
+
+
 def test_a_cue_that_was_not_measured_leaves_a_gap(frames, record_run, read_back):
     columns = read_back(record_run(frames))
     path = entities.curves(CONFIGURATION, ANN, "gaze", "book#4")

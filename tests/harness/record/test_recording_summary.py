@@ -63,3 +63,17 @@ def test_colours_do_not_depend_on_what_comes_later():
     first, second = Colours(["cup", "book"]), Colours(["cup", "book"])
     second.of("lamp")
     assert first.of("cup") == second.of("cup") != second.of("lamp")
+
+
+def test_the_summary_has_the_probability_of_looking_at_nothing_beside_the_others(frames):
+    record = frames[3].record
+    (subject,) = record.subjects
+    chances = {2: 0.15, 3: 0.15, 4: 0.3}
+    values = tuple(replace(value, total=chances.get(value.instance_id - 300, 0.0)) for value in subject.attention)
+    unsure = replace(record, subjects=(replace(subject, attention=values, focus=None),))
+    nowhere = 1 - sum(value.total for value in values)
+    page = summary(unsure, [judge(unsure, subject.name, LABEL, AnswerTraits(probabilistic=True))])
+    table = page.split("|---|---|\n")[-1].splitlines()
+    assert table[0] == f"| none | {nowhere:.2f} |"
+    plain = summary(unsure, [judge(unsure, subject.name, LABEL)])
+    assert not any(line.startswith("| none |") for line in plain.splitlines())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -12,10 +13,11 @@ from harness.labels.labels import Label
 from harness.record.frame_reading import FrameContent
 from harness.report.figures import charts
 from harness.report.figures.files import WIDTHS_INCH, Figures, figures_of, write_figures
-from harness.report.figures.strip import WrongFrame
+from harness.report.figures.strip import WrongFrame, strip
 from harness.report.figures.style import OFF, RIGHT, canvas, saved, styled
 from harness.run.directory import RunDirectory
 from harness.run.fitted import MethodScore
+from harness.run.manifest import AnswerTraits
 from harness.run.records import renamed
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
 from tests.command import vfoa
@@ -268,6 +270,28 @@ def test_of_two_targets_of_a_name_the_one_at_the_labels_point_is_the_true_one() 
         verdict=verdict, label=label, content=nothing, records=[record], verdicts=[verdict], targets=["red cup"]
     )
     assert failure.marks == {meant: RIGHT, answered: OFF}
+
+
+def test_the_curves_of_probabilities_include_that_of_looking_at_nothing() -> None:
+    record = four_frames()[0].record
+    (subject,) = record.subjects
+    values = tuple(replace(value, total=0.3 * (value.instance_id == 4)) for value in subject.attention)
+    record = replace(record, subjects=(replace(subject, attention=values, focus=None),))
+    for probabilistic, expected in ((True, {"book#4": 0.3, "none": 0.7}), (False, {"book#4": 0.3})):
+        verdict = judge(record, ANN, Label(target="red cup"), AnswerTraits(probabilistic=probabilistic))
+        failure = WrongFrame(
+            verdict=verdict,
+            label=Label(target="red cup"),
+            content=FrameContent(image=None, masks=None, clouds={}, cones={}),
+            records=[record],
+            verdicts=[verdict],
+            targets=["red cup"],
+        )
+        with styled():
+            curves = strip(failure, 3.5).axes[-1].get_lines()
+        named = {str(each.get_label()): each.get_ydata() for each in curves}
+        found = {name: y for name, (y, *_) in named.items() if not name.startswith("_")}
+        assert found == pytest.approx(expected)
 
 
 def test_a_failure_that_is_not_there_is_named(
