@@ -14,6 +14,7 @@ import vfoa.heads
 import vfoa.segmentation
 import vfoa.stereo
 from vfoa.config import METHOD_OF_CLIP, STEPS, check_immediate, dotted_tables, is_in_region, read_steps
+from vfoa.divided_people import join_people
 from vfoa.errors import VfoaError
 from vfoa.estimate import Estimate
 from vfoa.instance_tracking import InstanceTracker
@@ -193,7 +194,7 @@ class Follower:
             frame = StereoFrame(index=self._frames, time_ns=now_ns, left=left, right=right, rig=self._rig)
         except ValueError as error:
             raise VfoaError(f"frame {self._frames}: {error}") from None
-        percepts = perceive(frame, self._stages)
+        percepts = join_people(perceive(frame, self._stages), estimator.reconstruction.person)
         percepts = self._instances.step(percepts.instances).renumber(percepts)
         scene = reconstruct(percepts, estimator.reconstruction)
         (result,) = self._attending.step(scene, self._tracker.step(scene.people))

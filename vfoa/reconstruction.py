@@ -10,6 +10,7 @@ outlier  points farther from their neighbours than is usual in this cloud: singl
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from itertools import permutations
 from typing import Literal, Self
 
@@ -194,17 +195,20 @@ def place_people(percepts: Percepts, targets: tuple[Target, ...], settings: Reco
 def _person(view: HeadView, seen: ViewMaps, settings: ReconstructionSettings) -> Person:
     instance_id = view.head.instance_id
     if instance_id is None:
-        instance_id = _covering_person(view.head, seen, settings)
+        instance_id = covering_person(view.head, seen.instances, seen.rig, settings.person)
     origin = eye_origin(view, instance_id, seen, settings)
     return Person(view=view, instance_id=instance_id, eye_origin_left=origin)
 
 
-def _covering_person(head: Head, seen: ViewMaps, settings: ReconstructionSettings) -> int | None:
-    """Return the person whose mask covers most of the head's box; the first of equals; None if none overlaps it."""
+def covering_person(head: Head, instances: Instances, rig: StereoRig, labels: Collection[str]) -> int | None:
+    """Return the person whose mask covers most of the head's box; the first of equals; None if none overlaps it.
+
+    ``labels`` are those of people.
+    """
     u0, v0, u1, v1 = head.box_px
-    window = window_of(u0, v0, u1, v1, seen.rig)
-    covered = np.bincount(seen.instances.ids[window].ravel(), minlength=2**16)
-    people = [it.id for it in seen.instances.instances if it.label in settings.person and covered[it.id] > 0]
+    window = window_of(u0, v0, u1, v1, rig)
+    covered = np.bincount(instances.ids[window].ravel(), minlength=2**16)
+    people = [it.id for it in instances.instances if it.label in labels and covered[it.id] > 0]
     return max(people, key=lambda it: covered[it], default=None)
 
 

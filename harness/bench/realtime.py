@@ -17,6 +17,7 @@ from harness.pipeline.prefetch import prefetch
 from harness.report.formats import UNKNOWN, Table
 from harness.run.executors import compute_with
 from harness.run.experiment import load_experiment
+from vfoa.divided_people import join_people
 from vfoa.errors import VfoaError
 from vfoa.instance_tracking import InstanceTracker
 from vfoa.onnx import Provider
@@ -204,7 +205,8 @@ def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Flo
     """The time and the CPU time at the end of each frame, seconds (2, n)."""
     tracker, attending = Tracker(configuration.attend.tracking), Attending(configuration.attend)
     instances, ends = InstanceTracker(), []
-    for found in perceived:
+    for frame in perceived:
+        found = join_people(frame, configuration.reconstruction.person)
         percepts = instances.step(found.instances).renumber(found)
         scene = reconstruct(percepts, configuration.reconstruction)
         attending.step(scene, tracker.step(scene.people))

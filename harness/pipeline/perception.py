@@ -29,6 +29,7 @@ from harness.pipeline.prefetch import prefetch
 from harness.pipeline.stage_files.answers import FileAnswers
 from harness.pipeline.stage_runner import Memo, StageRunner, Timings, guarded, timed
 from harness.sources import Clip, MeasuredClip, PersonTruth
+from vfoa.divided_people import join_people
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze import TemporalGazeModel
@@ -86,6 +87,7 @@ class _Group:
     """The stages that some configurations have in common, and what each of these follows and names people with."""
 
     stages: Stages
+    person: tuple[str, ...]
     instances: InstanceTracker
     names: list[str] = field(default_factory=list)
     trackers: dict[str, Tracker] = field(default_factory=dict)
@@ -192,6 +194,7 @@ class Perception:
                 with self._isolated(names, frame.index):
                     self._memo.timings = {}
                     percepts = perceive(frame, group.stages, executor=self._heads_thread)
+                    percepts = self._memo.call("tracking", guarded, "tracking", join_people, percepts, group.person)
                     if group.instances not in numbered:
                         numbered[group.instances] = _following(
                             guarded, "tracking", group.instances.step, percepts.instances
@@ -285,14 +288,15 @@ class Perception:
             region_matcher=chosen["stereo"] if configuration.is_in_region else None,
             drawing=drawing,
         )
-        # heads and crops depend on nothing else, so configurations that agree on this have the same tracks and gazes
-        seen = (keys["segmentation"], keys["heads"], drawn, configuration.attend.tracking)
-        with_gaze, with_depth = (*seen, keys["gaze"]), (*seen, keys["stereo"], configuration.reconstruction)
+        # people, objects and crops depend on nothing else: configurations that agree on this have the same ones
+        found = (keys["stereo"], keys["segmentation"], keys["heads"], drawn, configuration.reconstruction.person)
+        seen = (*found, configuration.attend.tracking)
+        with_gaze, with_depth = (*seen, keys["gaze"]), (*seen, configuration.reconstruction)
         if temporal and with_gaze not in self._windows:
             self._windows[with_gaze] = HeadWindow(gaze, self._clip.rate_hz, number_step(self._clip))
-        masks = (keys["segmentation"], drawn, drawing and keys["stereo"])  # drawn shapes are cut out by depth
-        instances = self._instances.setdefault(masks, InstanceTracker())
-        group = self._groups.setdefault((*keys.values(), drawn), _Group(stages, instances))
+        person = configuration.reconstruction.person
+        instances = self._instances.setdefault(found, InstanceTracker())
+        group = self._groups.setdefault((*keys.values(), drawn, person), _Group(stages, person, instances))
         name = configuration.name
         group.names.append(name)
         group.trackers[name] = self._trackers.setdefault(seen, Tracker(configuration.attend.tracking))

@@ -70,8 +70,8 @@ def identities(
 
 
 _PLACED_BY = (
-    *("vfoa.reconstruction", "vfoa.tracking", "vfoa.instance_tracking", "vfoa.drawn", "vfoa.visible"),
-    "harness.clips.naming",
+    *("vfoa.reconstruction", "vfoa.divided_people", "vfoa.tracking", "vfoa.instance_tracking", "vfoa.drawn"),
+    *("vfoa.visible", "harness.clips.naming"),
 )
 """Code that decides the values of a scene, with all that it imports."""
 _WRITTEN_BY = (
