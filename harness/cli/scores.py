@@ -41,9 +41,8 @@ def score(
 
     With --where, nothing is written: the table of these frames is printed.
     """
-    from harness.cli.terminal import print_scores, say_unknown_names
+    from harness.cli.terminal import print_scores, say_unknown_names, verdict_of_run
     from harness.report.tables import summary_table
-    from harness.report.verdict import verdict_lines
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
@@ -55,7 +54,7 @@ def score(
             raise VfoaError("score: --where does not go with --annotator; expected one of them")
         scores = read_scores(RunDirectory(folder), _conditions(where))
         print_reports([summary_table(scores)[0]])
-        say("\n".join([f"Only frames with {' and '.join(where)}.", *verdict_lines(scores)]))
+        say("\n".join([f"Only frames with {' and '.join(where)}.", *verdict_of_run(scores, folder)]))
         return
     scores = rescore(RunDirectory(folder), annotator)
     gc.freeze()  # the verdicts of all frames live to the end: without this, the collector visits them once more at exit

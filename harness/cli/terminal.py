@@ -129,7 +129,6 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     from harness.report.comparisons import ablation_table, published_table
     from harness.report.stages import stage_measures_table, terminal_measures
     from harness.report.tables import remarks, seeds_table, summary_table, terminal_table, unlabelled_table
-    from harness.report.verdict import verdict_lines
     from harness.run.notes import NoteKind
 
     ablation = ablation_table(scores)
@@ -151,7 +150,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
     for line in (*map(str, unscored[:_MOST_CLIPS]), *(more if len(unscored) > _MOST_CLIPS else [])):
         console.print(f"- {line}", markup=False)
-    answer, *further = verdict_lines(scores)
+    answer, *further = verdict_of_run(scores, run)
     console.print(f"\n{answer}", markup=False, style="bold")
     for line in further:
         console.print(line, markup=False)
@@ -162,6 +161,14 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
         say(f"Scrub a failure: vfoa view {run} --failures")
     else:
         say(f"Scrub: vfoa view {run}")
+
+
+def verdict_of_run(scores: Scores, run: Path) -> list[str]:
+    """The result of a run in lines, of which a command to view it names its directory."""
+    from harness.report.advice import VIEW
+    from harness.report.verdict import verdict_lines
+
+    return [line.replace(VIEW, f"vfoa view {run}") for line in verdict_lines(scores)]
 
 
 _WIDEST = 1000

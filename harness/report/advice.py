@@ -18,6 +18,9 @@ WIDE_DEG, NARROW_DEG = 40, 20
 WIDE_CM, NARROW_CM = 40, 20
 """Cones of the paper have a radius in cm for a height of 1.10 m: 40 cm are 40 degrees, 20 cm are 21."""
 
+VIEW = "vfoa view RUN"
+"""The command that shows a run, as pages and tables have it, which may be read anywhere."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Run:
@@ -29,7 +32,7 @@ class _Run:
     @property
     def view(self) -> str:
         """The command that shows the run; without recordings, after a run that makes them."""
-        return "vfoa view RUN" if self.is_recorded else "run with --recording light, vfoa view RUN"
+        return VIEW if self.is_recorded else f"run with --recording light, {VIEW}"
 
     def values(self, table: str, key: str) -> list[Any]:
         """The value of a setting in every configuration that has it."""
@@ -94,13 +97,13 @@ def _face_turned_away(run: _Run) -> Iterator[str]:
     if "gaze" in run.values("attention", "weighting"):
         yield "let the head count where the gaze has no answer (--set attention.weighting=adaptive)"
     else:
-        yield f"the head counts where the gaze has no answer: see its pose ({run.view} --failures)"
+        yield f"the head counts there: see its pose ({run.view} --failures)"
 
 
 def _no_direction(run: _Run) -> Iterator[str]:
     if run.has_images:
         yield from _faces(run)
-        yield f"the gaze and head models gave no answer: look at the head boxes ({run.view} --failures)"
+        yield f"see which head boxes had no answer ({run.view} --failures)"
     else:
         yield "neither gaze nor head was measured in these frames"
     yield "coverage says how many frames have an answer"
@@ -129,7 +132,7 @@ def _target_not_segmented(run: _Run) -> Iterator[str]:
 
 
 def _false_attention(run: _Run) -> Iterator[str]:
-    yield f"see which target was predicted although the person looks at nothing ({run.view} --failures)"
+    yield f"see what was predicted instead ({run.view} --failures)"
     if option := run.cones(NARROW_DEG, NARROW_CM):
         yield f"try narrower cones{option}"
     if "nearest" in run.values("attention", "method"):
@@ -168,7 +171,7 @@ def _other_methods(run: _Run, why: str) -> Iterator[str]:
     if run.is_default:
         yield f"try the logit, {why} (--set attention.method=logit)"
     elif methods and not methods & {"bayes", "logit"}:
-        yield f'try the logit, {why} (attention.method = "logit" in a configuration of its own)'
+        yield f'try the logit, {why} (add a configuration: attention.method = "logit")'
 
 
 NEXT_STEPS: Mapping[str, Callable[[_Run], Iterator[str]]] = {

@@ -9,6 +9,7 @@ import pytest
 
 from harness.files.folders import names
 from harness.report.advice import NEXT_STEPS, advice
+from harness.report.verdict import MOST_CHARACTERS
 from harness.run.experiment import PRESETS, Experiment, load_experiment
 from harness.score.finished_run import how_to_label
 from harness.score.verdicts import ERROR_TYPES
@@ -102,6 +103,15 @@ def test_a_run_without_recordings_is_not_viewed_before_there_are_some() -> None:
     recorded, not_recorded = (advice("outscored", [], recorded=each) for each in (True, False))
     assert recorded[0] == "see what won instead (vfoa view RUN --failures)"
     assert not_recorded[0] == "see what won instead (run with --recording light, vfoa view RUN --failures)"
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_the_first_step_fits_the_line_of_the_result_whole(recorded: bool, tmp_path: Path) -> None:
+    for name, preset in _experiments(tmp_path):
+        configurations = _plain(_load(name, preset=preset), name)
+        for error_type in ERROR_TYPES:
+            first = advice(error_type, configurations, recorded=recorded)[0]
+            assert len(f"Next: {first}.") <= MOST_CHARACTERS, (name, error_type)
 
 
 @pytest.mark.parametrize("name", MEASURED)

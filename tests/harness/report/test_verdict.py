@@ -6,10 +6,12 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from harness.cli.terminal import verdict_of_run
 from harness.report.comparisons import factors_table
 from harness.report.factors import compare_factors, grid_levels
 from harness.report.tables import error_types_table
@@ -198,6 +200,12 @@ def test_a_run_without_recordings_is_not_advised_to_view_them_before_there_are_s
     reference = Reference(labels={"clip": labels("cup", "cup")}, is_recorded=False)
     scores = score(answers(["cup", "dragon"]), reference)
     assert "(run with --recording light, vfoa view RUN" in verdict_lines(scores)[-1]
+
+
+def test_on_the_terminal_the_command_to_view_a_run_names_its_folder() -> None:
+    scores = score(answers(["cup", "dragon"]), Reference(labels={"clip": labels("cup", "cup")}, is_recorded=True))
+    assert "(vfoa view runs/mine --failures)" in verdict_of_run(scores, Path("runs/mine"))[-1]
+    assert "(vfoa view RUN --failures)" in verdict_lines(scores)[-1]
 
 
 def test_nothing_wrong_needs_no_next_step() -> None:
