@@ -98,9 +98,33 @@ def fit(
             f"{least.log_loss}; label more, or add --even-if-worse"
         )
     atomic_write(path, fitted_text(fitted))
-    changes = [word for change in overrides or () for word in ("--set", change)]
-    command = ["vfoa", "run", run.experiment if _is_run(what) else what, *changes, "--preset", str(path)]
-    say(f"{path}: {shlex.join(command)}")
+    asked = run.experiment if _is_run(what) else what
+    clips = [clip.name for clip in finished.read_manifest().clips]
+    say(f"{path}: {_next_command(asked, clips, tuple(overrides or ()), path)}")
+
+
+def _next_command(asked: str, clips: list[str], overrides: tuple[str, ...], path: Path) -> str:
+    """The first command that runs here and takes the weights: on what was asked for, else on its clips.
+
+    A method that was set, or the experiment of a run that is not here or chooses other methods, cannot stay.
+    """
+    from harness.cli.run import experiment_of
+    from harness.run.experiment import has_weights
+    from harness.run.fitted import read_fitted
+    from vfoa.errors import VfoaError
+
+    fitted = read_fitted(path)
+    others = tuple(change for change in overrides if not change.startswith("attention."))
+    for what, changes in (([asked], overrides), ([asked], others), (clips, overrides), (clips, others)):
+        try:
+            experiment = experiment_of(what, (), changes, str(path))
+        except VfoaError:
+            continue
+        if not any(has_weights(configuration, fitted) for configuration in experiment.configurations):
+            continue
+        sets = (word for change in changes for word in ("--set", change))
+        return shlex.join(["vfoa", "run", *what, *sets, "--preset", str(path)])
+    return 'preset of a configuration with attention.method = "logit"'
 
 
 def _seconds(text: str | None) -> float | None:

@@ -46,7 +46,7 @@ from harness.pipeline.configuration import (
     merged,
     takes,
 )
-from harness.run.fitted import read_fitted
+from harness.run.fitted import FittedWeights, read_fitted
 from harness.run.grid import Variant, base_of, repeated, variants
 from harness.run.manifest import Published
 from harness.run.notes import Note, NoteKind, fitted_on_reported
@@ -180,7 +180,7 @@ def load_experiment(
         notes=(
             *map(Note, (*file.notes, *missing)),
             *partly,
-            *_fitted_notes(file, preset, present),
+            *_fitted_notes(file, preset, present, configurations),
         ),
         annotator=file.annotator,
         published=file.published,
@@ -277,15 +277,29 @@ def _configurations(
     ]
 
 
-def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> Iterator[Note]:
-    """Yield a note for each file of fitted settings: a warning if it was fitted on a clip that is reported."""
+def _fitted_notes(
+    file: _File, preset: str | None, clips: tuple[str, ...], configurations: Sequence[Configuration]
+) -> Iterator[Note]:
+    """Yield a note for each file of fitted settings: a warning if it was fitted on a clip that is reported.
+
+    Where each configuration chooses another method, or other weights, the note says that the file changes nothing.
+    """
     names = [preset] if preset else [*(table.get("preset") for table in file.configuration), file.preset]
     for path in dict.fromkeys(Path(name) for name in names if isinstance(name, str) and name.endswith(".toml")):
-        fitted_on = read_fitted(path).fit.clips
-        if seen := [clip for clip in clips if clip in fitted_on]:
+        fitted = read_fitted(path)
+        fitted_on = fitted.fit.clips
+        if not any(has_weights(configuration, fitted) for configuration in configurations):
+            methods = ", ".join(dict.fromkeys(each.attend.attention.method for each in configurations))
+            yield Note(f"No configuration uses the weights of {path.name}: attention.method is set to {methods}.")
+        elif seen := [clip for clip in clips if clip in fitted_on]:
             yield fitted_on_reported(f"the weights of {path.name}", seen)
         else:
             yield Note(f"Weights of {path.name}, fitted on other clips: {', '.join(fitted_on)}.")
+
+
+def has_weights(configuration: Configuration, fitted: FittedWeights) -> bool:
+    """Whether the attention of a configuration has the weights of a file of ``vfoa fit``."""
+    return getattr(configuration.attend.attention, "weights", None) == fitted.attention.weights
 
 
 def is_experiment(name_or_path: str) -> bool:

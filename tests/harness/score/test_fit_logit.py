@@ -329,6 +329,49 @@ def test_a_clip_is_fitted_under_changed_settings_and_the_command_it_prints_runs(
     assert (code, err.count("\n")) == (2, 1)
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("talk.toml",), "vfoa run talk.toml --preset"),
+        (("bayes.toml",), "vfoa run one --preset"),
+        (("runs/talk",), "vfoa run one --preset"),
+        (("one", "--set", "attention.method=bayes", "--set", "gaze_filter.max_missing=7"), "vfoa run one --set gaze"),
+    ],
+)
+def test_the_command_that_a_fit_prints_runs_and_uses_the_weights(
+    words: tuple[str, ...],
+    expected: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Of an experiment that is no file of the project's, and of methods that would replace the weights."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    labelled_clips(tmp_path, ("one",), 60)
+    talk = Path("talk.toml").read_text(encoding="utf-8")
+    write_text(tmp_path / "bayes.toml", talk.replace('"logit"', '"bayes"'))
+    run_plainly(load_experiment("talk.toml"), Path("runs", "talk"), cache=None)
+    capsys.readouterr()
+    code, said, err = vfoa(monkeypatch, capsys, "fit", *words, "--even-if-worse", "--out", "weights.toml")
+    assert code == 0, err
+    printed = said.splitlines()[-1].partition(": ")[2]
+    assert printed.startswith(expected)
+    code, _, err = vfoa(
+        monkeypatch, capsys, *shlex.split(printed)[1:], "--workers", "1", "--recording", "none", "--out", "next"
+    )
+    assert code == 0, err
+    used = RunDirectory(Path("next")).read_manifest().configurations.values()
+    weights = read_fitted(Path("weights.toml")).attention.model_dump(mode="json")["weights"]
+    assert weights in [configuration["attention"].get("weights") for configuration in used]
+
+
+def test_weights_that_no_configuration_takes_are_named_in_a_note(fitted: Path) -> None:
+    write_text(Path("bayes.toml"), Path("talk.toml").read_text(encoding="utf-8").replace('"logit"', '"bayes"'))
+    (note,) = load_experiment("bayes.toml", preset=str(fitted)).notes
+    assert note.text == "No configuration uses the weights of fitted.toml: attention.method is set to cones, bayes."
+
+
 def test_without_labels_nothing_is_perceived(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("one",), 12)
