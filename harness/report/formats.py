@@ -193,6 +193,14 @@ def number(value: float | None, digits: int, scale: float = 1) -> str:
     return UNKNOWN if value is None or math.isnan(value) else f"{scale * value:.{digits}f}"
 
 
+def shortened(name: str, width: int) -> str:
+    """The name, with as much of its middle left out as this width needs."""
+    if len(name) <= width:
+        return name
+    end = max(width - 1, 0) // 2
+    return f"{name[: max(width - 1 - end, 0)]}…{name[len(name) - end :]}"
+
+
 def percent(share: float | None) -> str:
     """A share in percent, for people."""
     return number(share, 1, 100)

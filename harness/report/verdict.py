@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from harness.report.advice import advice
 from harness.report.factors import compare_factors
-from harness.report.formats import interval_range, percent
+from harness.report.formats import interval_range, percent, shortened
 from harness.score.baselines import BASELINES
 from harness.score.comparison import Comparison, compare
 from harness.score.oracle_ablation import without_oracles
@@ -267,15 +267,7 @@ def _fitting(*sentences: _Sentence) -> str:
     widths = [len(name) for name in names]
     for _ in range(len(sentence) - MOST_CHARACTERS):
         widths[widths.index(max(widths))] -= 1
-    return form.format(*map(_cut, names, widths))
-
-
-def _cut(name: str, width: int) -> str:
-    """The name, with as much of its middle left out as this width needs."""
-    if len(name) <= width:
-        return name
-    end = max(width - 1, 0) // 2
-    return f"{name[: max(width - 1 - end, 0)]}…{name[len(name) - end :]}"
+    return form.format(*map(shortened, names, widths))
 
 
 def _listed(form: str, words: Sequence[str]) -> str:

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
 
 from harness.files.ascending import natural_order
 from harness.report.figures.style import INK, LINE, PANEL, SOFT, canvas, colour, is_wide, shape
+from harness.report.formats import shortened
 from harness.report.page.data import ERROR_COLOURS, LETTERS
 from harness.run.fitted import FitRecord
 from harness.score.calibration import Reliability
@@ -29,6 +31,8 @@ _FRR = "focus recognition rate (%)"
 _MOST_NAMES = 24
 """Most rows and columns of a confusion; rarer names share one."""
 _OTHER = "(other)"
+_MOST_LETTERS = 28
+"""Most letters of a name in a confusion: longer ones would leave no room for its panels."""
 
 
 def forest(rows: Rows, width: float) -> Figure:
@@ -105,7 +109,10 @@ def confusion(verdicts: Mapping[str, Sequence[Verdict]], width: float) -> Figure
     columns, side, size = (3, 0.105, 6) if is_wide(width) else (2, 0.08, 5)
     columns = min(len(pairs), columns)
     lines = math.ceil(len(pairs) / columns)
-    figure = canvas(width, 1.3 + lines * (0.24 + side * len(truths)))
+    shown = {name: shortened(name, _MOST_LETTERS) for name in answers}
+    # names below the last panel of each column, which are in two lines of panels where the last line is not full
+    below = max(_inches(name, size) for name in shown.values()) * (1 + (lines > 1 and len(pairs) % columns > 0))
+    figure = canvas(width, 0.8 + below + lines * (0.24 + side * len(truths)))
     grid = np.atleast_1d(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)).ravel()
     image: Any = None
     for axes, (name, counts) in zip(grid, pairs.items(), strict=False):
@@ -114,13 +121,13 @@ def confusion(verdicts: Mapping[str, Sequence[Verdict]], width: float) -> Figure
             table[_place(truths, truth), _place(answers, answer)] += count
         shares = 100 * table / np.maximum(table.sum(axis=1, keepdims=True), 1)
         image = axes.imshow(np.where(table, shares, np.nan), cmap="Blues", vmin=0, vmax=100, aspect="auto")
-        for place, truth in enumerate(truths):  # the right answers are framed
-            if truth in answers:
+        for place, truth in enumerate(truths):  # the right answers are framed; rare names are right and wrong ones
+            if truth in answers and truth != _OTHER:
                 x = answers.index(truth)
                 axes.plot(x + _SQUARE[0], place + _SQUARE[1], color=INK, lw=0.5)
         axes.set_title(name, loc="left")
-        axes.set_xticks(range(len(answers)), answers, rotation=90, fontsize=size)
-        axes.set_yticks(range(len(truths)), truths, fontsize=size)
+        axes.set_xticks(range(len(answers)), shown.values(), rotation=90, fontsize=size)
+        axes.set_yticks(range(len(truths)), [shortened(name, _MOST_LETTERS) for name in truths], fontsize=size)
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
     for axes in grid[len(pairs) :]:
@@ -133,6 +140,11 @@ def confusion(verdicts: Mapping[str, Sequence[Verdict]], width: float) -> Figure
     bar.set_label("% of the frames of a true target")
     bar.outline.set_visible(False)
     return figure
+
+
+def _inches(text: str, points: float) -> float:
+    """The length of a text in letters of this size."""
+    return float(TextPath((0, 0), text, size=points).get_extents().width) / 72
 
 
 _SQUARE = np.array([[-0.5, 0.5, 0.5, -0.5, -0.5], [-0.5, -0.5, 0.5, 0.5, -0.5]])

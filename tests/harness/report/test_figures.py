@@ -164,6 +164,27 @@ def test_a_confusion_of_many_names_keeps_the_frequent_ones() -> None:
         axes = charts.confusion({"one": verdicts}, 3.5).axes[0]
     shown = [label.get_text() for label in axes.get_yticklabels()]
     assert shown == [*names[6:], "(other)"]
+    framed = {int(line.get_ydata().mean()) for line in axes.get_lines()}
+    assert framed == {*range(24)}  # answers that share a name with the truth are not all right
+
+
+@pytest.mark.parametrize("width", WIDTHS_INCH.values())
+@pytest.mark.parametrize("panels", [1, 3, 6])
+@pytest.mark.filterwarnings("error")  # Matplotlib gives up a layout with no more than a warning
+def test_long_names_leave_room_for_the_panels_of_a_confusion(panels: int, width: float) -> None:
+    for name in ("red cup on the left", "the third book from the left on the upper shelf"):
+        truth = ["cup", "book", name] * 2
+        verdicts = [judge(record, "girl", labels(*truth).at(record.frame, "girl")) for record in answers(truth)]
+        with styled():
+            figure = charts.confusion({f"configuration {number}": verdicts for number in range(panels)}, width)
+            saved(figure, "svg")  # lays it out
+        across, down = figure.get_size_inches()
+        for axes in figure.axes[:panels]:
+            assert axes.get_position().height * down > 3 * 0.08
+            assert axes.get_position().width * across > 0.8
+        tight = figure.get_tightbbox()
+        assert tight.y0 >= -0.02
+        assert tight.x0 >= -0.02
 
 
 def test_settings_of_the_user_do_not_matter() -> None:
