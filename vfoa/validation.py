@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar, get_args
 
@@ -65,7 +66,7 @@ def parse(
 
 def _sentence(model: type[BaseModel], mistake: Any, table: str, siblings: Iterable[str], owners: Owners | None) -> str:
     """One pydantic error as ``key: expected and found``."""
-    location, kind = mistake["loc"], mistake["type"]
+    location, kind = tuple(part for part in mistake["loc"] if not _is_tag(part)), mistake["type"]
     path = (*([table] if table else []), *location)
     key = ".".join(map(str, path))
     prefix = f"{key}: " if key else ""
@@ -79,6 +80,14 @@ def _sentence(model: type[BaseModel], mistake: Any, table: str, siblings: Iterab
     if kind == "missing":
         return f"{prefix}missing; it is required"
     return f"{prefix}{expected_and_found(mistake)}"
+
+
+_TAG = re.compile(r"[a-z-]+\[.*\]")
+
+
+def _is_tag(part: int | str) -> bool:
+    """Whether a part of pydantic's location is no key: it names which type of a union it is about."""
+    return isinstance(part, str) and _TAG.fullmatch(part) is not None
 
 
 def expected_and_found(mistake: Any) -> str:

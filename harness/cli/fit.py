@@ -154,12 +154,12 @@ def _source(
     """
     from harness.cli.run import experiment_of
     from harness.cli.terminal import frames_bar
-    from harness.clips.manifest import load_manifest
     from harness.files.folders import find
     from harness.pipeline.cache_store import open_store
     from harness.report.experiment_run import run_plainly
     from harness.run.directory import RunDirectory
     from harness.run.executors import cores
+    from harness.run.plan import manifest_of
     from vfoa.errors import VfoaError
 
     if _is_run(what):
@@ -169,7 +169,7 @@ def _source(
         return run.read_manifest().experiment, list(run.inputs), lambda: run
     experiment = experiment_of([what], (), overrides, None)
     files = [find("experiments", what) or Path(what)]
-    files += [file for clip in experiment.clips for file in load_manifest(clip).files]
+    files += [file for clip in experiment.clips for file in manifest_of(clip, experiment).files]
     folder, workers = Path("runs") / experiment.name, cores()
     make = partial(run_plainly, experiment, folder, cache=open_store(None), bar=frames_bar, tell=tell)
     return experiment.name, files, partial(make, workers=workers, threads=workers)

@@ -72,7 +72,9 @@ class StageKind:
         """
         name = table.get(self.key)
         if name is None:
-            raise VfoaError(f"{where}: {self.name}.{self.key}: missing; expected one of: {', '.join(self.names())}")
+            found = f" (found: {', '.join(f'{self.name}.{key}' for key in table)})" if table else ""
+            expected = ", ".join(self.names())
+            raise VfoaError(f"{where}: {self.name}.{self.key}: missing; expected one of: {expected}{found}")
         settings = {key: value for key, value in table.items() if key != self.key}
         if name == OFF:
             return None

@@ -84,7 +84,11 @@ def preset_tables(name: str | None, where: str) -> Tables:
     if name is None:
         return {}
     if isinstance(name, str) and name.endswith(".toml"):
-        return {"attention": {"method": "logit", "weights": read_fitted(Path(name)).attention.model_dump()["weights"]}}
+        try:
+            weights = read_fitted(Path(name)).attention.model_dump()["weights"]
+        except VfoaError as error:
+            raise VfoaError(f"{where}: preset: {error}") from None
+        return {"attention": {"method": "logit", "weights": weights}}
     if not isinstance(name, str) or name not in PRESETS:
         problem = removed(("preset",), name) or did_you_mean(str(name), PRESETS)
         raise VfoaError(f"{where}: preset: no {name!r}; {problem}")
@@ -103,7 +107,8 @@ class Experiment:
     ``limit`` is the number of frames to take of each clip; None for all. ``annotator`` names the annotator whose labels
     are scored; None for ``annotations/<clip>.csv``. ``published`` are published figures for these configurations.
     ``missing`` says which clips of a family are not here. ``recording``: whether it is recorded, and with
-    which pictures, unless the command line says so.
+    which pictures, unless the command line says so. ``clips_from`` is the file that names the clips, None if its user
+    named them.
     """
 
     name: str
@@ -115,6 +120,7 @@ class Experiment:
     published: Published | None = None
     missing: tuple[str, ...] = ()
     recording: RecordingKind = "light"
+    clips_from: str | None = None
 
 
 class _File(Settings):
@@ -186,6 +192,7 @@ def load_experiment(
         published=file.published,
         missing=missing,
         recording=file.recording,
+        clips_from=None if clips else str(path),
     )
 
 

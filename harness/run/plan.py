@@ -13,6 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.matching import first_middle_last, near_notes
 from harness.files.digests import code_digest, file_digest
@@ -151,7 +152,7 @@ def needed_stages(experiment: Experiment) -> list[StageChoice]:
     VfoaError
         If a clip cannot be opened.
     """
-    experiment = _for_clips(experiment, [load_manifest(name).open() for name in experiment.clips])
+    experiment = _for_clips(experiment, [manifest_of(name, experiment).open() for name in experiment.clips])
     return [choice for configuration in experiment.configurations for choice in configuration.stages]
 
 
@@ -165,8 +166,25 @@ def fetch_command(clip: str) -> str:
     return shlex.join(["vfoa", "models", "fetch", "--for", clip])
 
 
+def manifest_of(name: str, experiment: Experiment) -> ClipManifest:
+    """Read the manifest of a clip of an experiment.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`harness.clips.manifest.load_manifest`; of an unknown clip, the file that names it comes first.
+    """
+    try:
+        return load_manifest(name)
+    except VfoaError as error:
+        is_here = Path(name).is_file() if name.endswith(".toml") else name in clip_files()
+        if is_here or experiment.clips_from is None:
+            raise
+        raise VfoaError(f"{experiment.clips_from}: clips: {error}") from None
+
+
 def _prepare_clip(name: str, limit: int | None, experiment: Experiment) -> PreparedClip:
-    manifest = load_manifest(name)
+    manifest = manifest_of(name, experiment)
     clip = manifest.open()
     labels = manifest.labels(timeline_of(clip), experiment.annotator)
     drawn = None if isinstance(clip, MeasuredClip) else drawn_on(manifest, clip.frames, experiment)

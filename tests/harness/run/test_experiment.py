@@ -132,12 +132,24 @@ def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:
         (HEAD + 2 * "[[configuration]]\nname = 'a'\n", r"number 2: the name 'a' occurs twice"),
         (HEAD + "[[configuration]]\nname = '../a'\n", r"expected a name of letters"),
         ("clips = [", r"not TOML"),
+        ('preset = "gone.toml"\n' + HEAD, r"mine\.toml: preset: .*gone\.toml: no such file"),
+        ('clips = ["one"]\n[[configuration]]\nname = "a"\nstereo.b = 1\n', r"stereo\.matcher: missing; .*stereo\.b"),
+        (HEAD + "[grid.attention]\na = { method = 'logit', weights = 'w.toml' }\n", r"attention\.weights: .*'w\.toml'"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_line_with_file_and_key(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(VfoaError, match=message) as caught:
         load_experiment(_write(tmp_path, text))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("clip", ["demo_tolk", "gone.toml"])
+def test_an_unknown_clip_is_told_with_the_file_that_names_it(tmp_path: Path, clip: str) -> None:
+    text = HEAD.replace('"one", "two"', f'"{clip}"')
+    with pytest.raises(VfoaError, match=rf"mine\.toml: clips: .*{clip}"):
+        prepare(load_experiment(_write(tmp_path, text)))
+    with pytest.raises(VfoaError, match=rf"^(no clip )?'?{clip}"):
+        prepare(load_experiment(_write(tmp_path, HEAD), clips=(clip,)))
 
 
 def test_an_unknown_experiment_proposes_the_nearest() -> None:
