@@ -111,6 +111,7 @@ def _page(
         served=served,
         where=where,
         run_folder=run_folder,
+        names_now=run.names_now,
     )
 
 

@@ -99,8 +99,11 @@ def page_data(
     served: Served | None,
     rates_hz: Mapping[str, float | None],
     run_folder: str,
+    names_of: Mapping[str, Sequence[str]],
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the data object, and packs by name.
+
+    ``names_of`` a clip are those of its manifest, in the order of their colours.
 
     The object, read by ``store.js``::
 
@@ -131,7 +134,8 @@ def page_data(
     stride, values = pack_attention(scores.clips, by_clip, attention)
     for number, clip in enumerate(scores.clips):
         subjects = by_clip.get(clip, {})
-        track = _clip_data(clip, subjects, numbers, names, attention)
+        colours = target_colours(attention, clip, names_of.get(clip, ()))
+        track = _clip_data(clip, subjects, numbers, names, attention, colours)
         packs[f"clip-{number}"] = pack_json(track)
         if values[clip]:
             packs[f"attention-{number}"] = values[clip]
@@ -194,7 +198,12 @@ def _row(row: ScoreRow, places: Mapping[str, int], scored: Mapping[str, int]) ->
 
 
 def _clip_data(
-    clip: str, subjects: Mapping[str, BySubject], numbers: Mapping[str, int], names: NameCodes, attention: RunAttention
+    clip: str,
+    subjects: Mapping[str, BySubject],
+    numbers: Mapping[str, int],
+    names: NameCodes,
+    attention: RunAttention,
+    colours: Colours,
 ) -> dict[str, Any]:
     """A clip's timelines, and the colours of its targets as CSS by number of the name.
 
@@ -228,7 +237,7 @@ def _clip_data(
         tracks.append(
             {"subject": subject, "frames": steps(frames), "truth": runs(truth), "configurations": configurations}
         )
-    return {"tracks": tracks, "colours": _colours(target_colours(attention, clip), tracks, names)}
+    return {"tracks": tracks, "colours": _colours(colours, tracks, names)}
 
 
 def _numbered(verdicts: SubjectVerdicts, names: NameCodes) -> Codes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import json
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -136,9 +136,10 @@ def attended(attention: RunAttention, pair: Pair, subject: str) -> AttentionByTa
     }
 
 
-def target_colours(attention: RunAttention, clip: str) -> Colours:
-    """The colours of a clip's targets, in order of appearance."""
-    return Colours(target for (name, _), part in attention.items() if name == clip for target in part.targets)
+def target_colours(attention: RunAttention, clip: str, names: Iterable[str]) -> Colours:
+    """The colours of a clip's targets, as in its recordings: ``names`` of the manifest, then in order of appearance."""
+    appearing = (target for (name, _), part in attention.items() if name == clip for target in part.targets)
+    return Colours((*names, *appearing))
 
 
 def frames_of(judged: BySubject) -> NDArray[np.int64]:

@@ -36,6 +36,7 @@ _GROUPS = {
 }
 _MORE = ("subjects", "agreement", "baselines", "stages", "objects")
 NO_LINKS: Mapping[str, str] = {}
+NO_RENAMES: Mapping[str, Mapping[str, str]] = {}
 NO_THUMBNAILS, NO_TIMES = Thumbnails(), StageTimes(configurations=(), ms={})
 
 
@@ -50,6 +51,7 @@ def render_page(
     served: Served | None = None,
     where: str = "",
     run_folder: str = "",
+    names_now: Mapping[str, Mapping[str, str]] = NO_RENAMES,
 ) -> str:
     """Return the page as text; the same arguments give the same text.
 
@@ -71,9 +73,15 @@ def render_page(
         The conditions on labelled frames, as their user wrote them; "" for all frames.
     run_folder
         The address of the run's directory, relative to the page, with a slash at its end; "" for a page inside.
+    names_now
+        The present names of renamed targets, by clip and name in the results.
     """
     rates = {clip.name: clip.rate_hz for clip in manifest.clips}
-    data, packs = page_data(scores, attention, thumbnails, served, rates, run_folder)
+    names_of = {
+        clip.name: [names_now.get(clip.name, {}).get(name, name) for name in (*clip.targets, *clip.subjects)]
+        for clip in manifest.clips
+    }
+    data, packs = page_data(scores, attention, thumbnails, served, rates, run_folder, names_of)
     panels = draw_panels(scores)
     differing = differing_settings(manifest.configurations)
     groups, shown = _numbered(

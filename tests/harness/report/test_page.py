@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from harness.labels.labels import Label, LabelRange, Labels
+from harness.record.appearance import Colours
 from harness.report.page.data import LETTERS, STATES, differing_settings
 from harness.report.page.packing import RunAttention, runs, steps
 from harness.report.page.render import RunTables, render_page
@@ -91,6 +92,18 @@ def test_a_page_knows_how_many_frame_numbers_a_second_has(first: int, step: int,
     clip = ClipOfRun(name="clip", licence=None, frames=[], rate_hz=25.0)
     page = _Page(render_page(scores, tables, attention, RunManifest(experiment="test", clips=[clip])))
     assert page.data["clips"][0]["per_second"] == per_second
+
+
+def test_a_target_has_the_colour_of_the_recordings() -> None:
+    """They give the first colours to the names of the manifest, in its order; a renamed target keeps its colour."""
+    given = ("lamp", "cup", "dragon")
+    scores, tables, attention, _ = _scored(answers(given), {"clip": labels(*given)})
+    names = {"subjects": {"girl": {}}, "targets": {"mug": {}, "lamp": {}}}
+    manifest = RunManifest.model_validate({"clips": [{"name": "clip", "frames": [1, 2, 3], "names": names}]})
+    page = _Page(render_page(scores, tables, attention, manifest, names_now={"clip": {"mug": "cup"}}))
+    shown = {page.data["names"][int(code)]: colour for code, colour in page.pack("clip-0")["colours"].items()}
+    expected = Colours(["cup", "lamp", "girl", "dragon"])
+    assert shown == {name: "rgb({} {} {})".format(*expected.of(name)) for name in given}
 
 
 def test_timelines_say_what_the_verdicts_say() -> None:

@@ -279,7 +279,7 @@ def test_frames_csv_has_the_probability_of_every_answer_of_a_method_with_probabi
     ]
     assert {row[3:] for row in shown[5:]} == {("", "")}
     scores, attention, _ = scored_records(records, reference)
-    data, packs = page_data(scores, attention, NO_THUMBNAILS, None, {}, "")
+    data, packs = page_data(scores, attention, NO_THUMBNAILS, None, {}, "", {})
     (track,) = json.loads(zlib.decompress(base64.b64decode(packs["clip-0"])))["tracks"]
     found = {
         data["configurations"][each["configuration"]]["name"]: each["confidence"] for each in track["configurations"]
