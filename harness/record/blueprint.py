@@ -33,7 +33,8 @@ class ClipContent:
     """The content of a clip's recording: the kinds of its images, the extent of its scene, and its rate.
 
     ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres. ``span`` is the
-    first and the last frame, None if they are not known yet.
+    first and the last frame, None if they are not known yet. ``curves`` are the entity paths of attention that have
+    values.
     """
 
     has_images: bool
@@ -42,6 +43,11 @@ class ClipContent:
     eye: tuple[Float, Float]
     rate_hz: float | None
     span: tuple[int, int] | None = None
+    curves: frozenset[str] = frozenset()
+
+    def has_curves(self, path: str) -> bool:
+        """Whether there are values at an entity path, or below it."""
+        return any(curve == path or curve.startswith(f"{path}/") for curve in self.curves)
 
 
 def clip_layout(
@@ -103,7 +109,7 @@ def _wide(layers: LayerNames, shown: ClipContent, subject: str | None, *, most: 
     scene = rrb.Vertical(rrb.Tabs(*images, active_tab=0), _world(layers, shown, subject), row_shares=[5, 6])
     meaning = rrb.Vertical(
         rrb.Tabs(*_documents(layers)[:most], active_tab=0),
-        _plots(layers, subject, shown.span),
+        _plots(layers, subject, shown),
         _states(layers, subject),
         row_shares=[4.1, 3.5, 2.2],
     )
@@ -187,15 +193,17 @@ def _documents(layers: LayerNames) -> list[rrb.TextDocumentView | rrb.TextLogVie
     ]
 
 
-def _plots(layers: LayerNames, subject: str | None, span: tuple[int, int] | None) -> rrb.Tabs | rrb.TimeSeriesView:
-    room = None
+def _plots(layers: LayerNames, subject: str | None, shown: ClipContent) -> rrb.Tabs | rrb.TimeSeriesView:
+    """The attention to each target, and a tab for the part of each cue that was measured."""
+    room, span = None, shown.span
     if span is not None:  # for the legend, which would hide the first frames
         left = rrb.TimeRangeBoundary.absolute(seq=int(span[0] - _LEGEND_SHARE * (span[1] - span[0])))
         # the range holds on the timeline of times, too, where a last frame would be some nanoseconds
         room = rrb.TimeAxis(view_range=rr.TimeRange(start=left, end=rrb.TimeRangeBoundary.infinite()))
     if subject is None:
         return _plot(layers, None, "total", room, legend=True)
-    return rrb.Tabs(*(_plot(layers, subject, value, room, legend=True) for value in ("total", *CUES)), active_tab=0)
+    cues = [cue for cue in CUES if shown.has_curves(entities.curves(layers.configuration, subject, cue))]
+    return rrb.Tabs(*(_plot(layers, subject, value, room, legend=True) for value in ("total", *cues)), active_tab=0)
 
 
 _LEGEND_SHARE = 0.22

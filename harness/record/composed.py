@@ -163,8 +163,11 @@ def _content(clips: Sequence[RecordedClip]) -> ClipContent:
     from harness.record.blueprint import ClipContent, eye_on
     from harness.record.reading import RecordingFile, first_shapes
 
-    images = [clip.files.images for clip in clips if clip.files.images.is_file()]
-    paths = {chunk.entity_path for file in images for chunk in RecordingFile(file).chunks()}
+    images = [clip.files.images for clip in clips]
+    curves = [clip.files.attention(layer.configuration) for clip in clips for layer in clip.layers]
+    paths = {
+        chunk.entity_path for file in (*images, *curves) if file.is_file() for chunk in RecordingFile(file).chunks()
+    }
     files = dict.fromkeys(clip.files.reconstruction(layer.reconstruction) for clip in clips for layer in clip.layers)
     frames = [frame for clip in clips for frame in clip.frames]
     return ClipContent(
@@ -174,6 +177,7 @@ def _content(clips: Sequence[RecordedClip]) -> ClipContent:
         eye=eye_on([points for file in files if file.is_file() for points in first_shapes(file)]),
         rate_hz=clips[0].rate_hz,
         span=(min(frames), max(frames)) if frames else None,
+        curves=frozenset(path for path in paths if path.startswith(f"{entities.ATTENTION}/")),
     )
 
 

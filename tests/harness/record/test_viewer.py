@@ -78,6 +78,20 @@ def test_plots_end_with_their_data_on_the_timelines_of_frames_and_of_times(frame
     assert all(room["start"] < first and room["end"] is None for (room,) in ranges)
 
 
+def test_there_is_a_plot_for_each_cue_that_was_measured(frames, tmp_path):
+    def plots(run, chosen):
+        write_run(run, {CONFIGURATION: chosen})
+        (composed,) = find_recordings(run, None, None)
+        reader = RrdReader(composed.files_to_open(tmp_path)[0])
+        chunks = reader.stream(store=reader.blueprints()[0]).filter(components="ViewBlueprint:space_origin")
+        found = [chunk.to_record_batch().column("ViewBlueprint:space_origin")[0].as_py() for chunk in chunks]
+        return {origin.rsplit("/", 1)[-1] for (origin,) in found if origin.startswith("/attention/")}
+
+    assert plots(tmp_path / "both", frames) == {"total", "gaze", "head"}
+    assert frames[1].record.subjects[0].gaze is None
+    assert plots(tmp_path / "head", frames[1:3]) == {"total", "head"}
+
+
 needs_vulkan = pytest.mark.skipif(
     ctypes.util.find_library("vulkan") is None or not any(Path("/usr/share/vulkan/icd.d").glob("*.json")),
     reason="needs a Vulkan driver (Debian: mesa-vulkan-drivers libvulkan1)",
