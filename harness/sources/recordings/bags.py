@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -34,6 +35,18 @@ from vfoa.errors import VfoaError, first_line, reported_as
 
 _ROS1 = b"#ROSBAG V2.0"
 _SQLITE = b"SQLite format 3\0"
+_REINDEX = "the recorder was killed; write the index with rosbag reindex"
+_DAMAGED = "it is cut off, damaged, or without its -wal or -journal file: copy it again from the recorder, with these"
+_ADVICE = {
+    "not indexed": _REINDEX,
+    "index looks damaged": _REINDEX,
+    "malformed": _DAMAGED,
+    "not a database": _DAMAGED,
+    "missing tables": "it is empty: a recorder writes to FILE-wal first; copy that file from the recorder, too",
+    "database files are missing": "copy them into the folder; if they have other names now, `ros2 bag reindex FOLDER` "
+    "writes metadata.yaml again",
+}
+"""What to do, by words of the errors of rosbags and SQLite."""
 _MOST_COMPRESSION = 1000
 """Most times that a recording's file is larger without compression: the dark images of a camera fill a tenth."""
 
@@ -71,9 +84,8 @@ def open_reader(part: Path) -> Any:
         with suppress(Exception):  # one that is not open cannot be closed
             reader.close()
         text = first_line(error).rstrip(".")
-        is_unindexed = "not indexed" in text or "index looks damaged" in text
-        hint = "; the recorder was killed; write the index with rosbag reindex" if is_unindexed else ""
-        raise VfoaError(f"{part}: cannot be read as a bag: {text}{hint}") from None
+        advice = next((f"; {advice}" for words, advice in _ADVICE.items() if words in text), "")
+        raise VfoaError(f"{part}: cannot be read as a bag: {text}{advice}") from None
     return reader
 
 
@@ -266,14 +278,22 @@ class BagContainer:
                 is_video = window is not None and topic.type.kind == "compressed" and _is_video(reader, connection)
                 (always if is_video or topic.type.kind in _ALWAYS else images).append(connection)
         if always:
-            yield from self._index_messages(number, reader.messages(always), topics, topic_of)
+            yield from self._index_messages(number, reader.messages(always), topics, topic_of, always)
         if images:
             bounds = () if window is None else (window.start, window.stop)
-            yield from self._index_messages(number, reader.messages(images, *bounds), topics, topic_of)
+            counted = images if window is None else ()
+            yield from self._index_messages(number, reader.messages(images, *bounds), topics, topic_of, counted)
 
     def _index_messages(
-        self, number: int, messages: Iterator[Any], topics: TopicIndex, topic_of: Mapping[int, Topic]
+        self,
+        number: int,
+        messages: Iterator[Any],
+        topics: TopicIndex,
+        topic_of: Mapping[int, Topic],
+        counted: Sequence[Connection],
     ) -> Iterator[str]:
+        """Add messages to the topics; yield what is lost of them, and of those ``counted`` what the index has more."""
+        read: Counter[int] = Counter()
         last: dict[tuple[str, str], tuple[int, int]] = {}
         losses: list[str] = []
         for connection, log_ns, data in self._readable(number, messages, losses):
@@ -283,7 +303,15 @@ class BagContainer:
             place = before + 1 if before_ns == log_ns else 0
             last[key] = log_ns, place
             topics.add(topic, log_ns, data, (number, log_ns, place))
+            read[connection.id] += 1
         yield from losses
+        for connection in counted if not losses else ():
+            if read[connection.id] < connection.msgcount:
+                yield (
+                    f"{self._parts[number].name}: {connection.topic}: {read[connection.id]} of the "
+                    f"{connection.msgcount} messages that its index counts are there: was the recorder's -wal file "
+                    "copied, too?"
+                )
 
     def _readable(
         self, number: int, messages: Iterator[Any], losses: list[str]

@@ -98,11 +98,17 @@ def walk_messages(
                     messages += 1
 
 
+_BAGS = {".db3": ("a database of ROS 2", b"SQLite format 3"), ".bag": ("a bag of ROS 1", b"#ROSBAG V2.0")}
+"""What files with other endings begin with: a damaged one comes here."""
+
+
 def _offsets(path: Path, file: BinaryIO, losses: list[str]) -> Iterator[int]:
     """The places of all records of these kinds in a file."""
     size = os.fstat(file.fileno()).st_size
     if (magic := file.read(len(MAGIC))) != MAGIC:
-        raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {MAGIC!r}")
+        kind, expected = _BAGS.get(path.suffix, ("MCAP", MAGIC))
+        copied = "" if magic.strip(b"\0") else ": copy it again from the recorder"
+        raise VfoaError(f"{path}: not {kind}: it starts with {magic!r}; expected {expected!r}{copied}")
     offset = len(MAGIC)
     while file.seek(offset) + HEAD.size <= size:
         opcode, length = HEAD.unpack(file.read(HEAD.size))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import re
+import sqlite3
 import struct
 import tracemalloc
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -313,6 +315,53 @@ def test_a_bag_whose_recorder_was_killed_says_what_mends_it(tmp_path: Path) -> N
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * 0.8)])
     with pytest.raises(VfoaError, match=r"take\.bag.*reindex"):
+        open_clip(path)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.2, 0.8])
+def test_a_database_that_is_cut_off_says_what_to_do(tmp_path: Path, share: float) -> None:
+    path = write_take(tmp_path, "db3", map(shot, (1, 2, 3)))
+    (file,) = path.glob("*.db3")
+    file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
+    for given in (path, file):
+        with pytest.raises(VfoaError, match=r"take.*malformed; it is cut off, .*-wal .*: copy it again"):
+            open_clip(given)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [(b"", "starts with b''"), (bytes(4096), r"starts with b'\\x00.*b'SQLite format 3': copy it again")],
+)
+def test_a_database_without_content_is_not_taken_for_another_format(tmp_path: Path, content: bytes, said: str) -> None:
+    file = tmp_path / "take.db3"
+    file.write_bytes(content)
+    with pytest.raises(VfoaError, match=rf"take\.db3: not a database of ROS 2: it {said}"):
+        open_clip(file)
+
+
+def test_a_database_without_its_log_says_what_is_missing(tmp_path: Path) -> None:
+    """A recorder writes to ``-wal`` first: without this file, the last messages, or all, are not there."""
+    path = write_take(tmp_path, "db3", map(shot, (1, 2, 3)))
+    (file,) = path.glob("*.db3")
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("delete from messages where timestamp > ?", (shot(2).stamp_ns,))
+        database.commit()
+    clip = open_clip(path)
+    assert len(clip.frames) == 2
+    assert any(f"{COLOUR}: 2 of the 3 messages" in note and "-wal" in note for note in clip.notes), clip.notes
+    with closing(sqlite3.connect(file)) as database:
+        for table in ("messages", "topics", "schema", "metadata", "message_definitions"):
+            database.execute(f"drop table if exists {table}")
+        database.commit()
+    with pytest.raises(VfoaError, match=r"take.*missing tables; .*FILE-wal"):
+        open_clip(path)
+
+
+def test_a_database_of_another_name_than_noted_says_how_to_note_it(tmp_path: Path) -> None:
+    path = write_take(tmp_path, "db3", map(shot, (1, 2)))
+    (file,) = path.glob("*.db3")
+    file.rename(file.with_name("mine.db3"))
+    with pytest.raises(VfoaError, match=r"take.*missing: .*; copy them .*ros2 bag reindex"):
         open_clip(path)
 
 
