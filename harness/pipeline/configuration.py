@@ -44,6 +44,8 @@ DRAWN = "drawn"
 """The name of the stages that use only the shapes drawn on the clip."""
 OFF = "none"
 """The name that switches a stage off. Clips with images need a matcher, segmentation and heads."""
+MEASURED = "measured"
+"""The name of the stages that give the directions of a clip of measurements."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +110,15 @@ class StageKind:
     def is_true(self, choice: StageChoice) -> bool:
         """Whether the stage answers from the ground truth of a person, without an image."""
         return hasattr(self.stage_class(choice.name), "of_person")
+
+    def without_images(self, choice: StageChoice) -> StageChoice | None:
+        """What takes the place of a stage on a clip of measurements: itself, what is measured, or nothing."""
+        return choice if self.is_true(choice) else self.parse({self.key: self.measured}, "clip of measurements")
+
+    @property
+    def measured(self) -> str:
+        """The name of the stage for clips of measurements: what is measured, or :data:`OFF` if nothing is."""
+        return MEASURED if MEASURED in self.of_clip else OFF
 
     def finds_faces(self, name: str) -> bool:
         """Whether heads of the detector called ``name`` can have a face."""
@@ -191,6 +202,7 @@ _OF_CLIP: Sequence[tuple[Registry, Mapping[str, str]]] = (
         {
             "truth": "ground_truth:TruthHeadPose",
             "simulated": "ground_truth:SimulatedHeadPose",
+            MEASURED: "measured_stage:MeasuredHeadPose",
             "files": "stage_files.directions:FileHeadPose",
         },
     ),
@@ -199,6 +211,7 @@ _OF_CLIP: Sequence[tuple[Registry, Mapping[str, str]]] = (
         {
             "truth": "ground_truth:TruthGaze",
             "simulated": "ground_truth:SimulatedGaze",
+            MEASURED: "measured_stage:MeasuredGaze",
             "files": "stage_files.directions:FileGaze",
         },
     ),
@@ -295,8 +308,8 @@ class Configuration:
         return self.changed(lambda choice: choice.on(provider))
 
     def without_images(self) -> Configuration:
-        """Return the configuration for clips of recorded 3D poses: only stages that answer from a person's truth."""
-        return self.changed(lambda choice: choice if STAGES[choice.slot].is_true(choice) else None)
+        """Return the configuration for clips of measurements: a head pose or gaze is the true or the measured one."""
+        return self.changed(lambda choice: STAGES[choice.slot].without_images(choice))
 
     def changed(self, change: Callable[[StageChoice], StageChoice | None]) -> Configuration:
         """Return the configuration with each stage that is not switched off replaced by another choice, or None."""

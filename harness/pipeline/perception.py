@@ -373,17 +373,11 @@ def pose_frames(
 ) -> Generator[SharedFrame]:
     """Read frames of recorded 3D poses in ascending order: scenes without percepts.
 
-    If the clip knows the true directions of its people, the stages ``truth`` and ``simulated`` give heads and gazes.
-    Configurations with the same stages get the same scene, and those with the same tracking the same tracks and names.
+    If the clip knows the true directions of its people, the stages ``truth`` and ``simulated`` give heads and gazes. A
+    direction whose stage is switched off is left out; with any other stage it is as measured. Configurations with the
+    same stages get the same scene, and those with the same tracking the same tracks and names.
     """
-    stages = {
-        configuration.name: {
-            choice.key: STAGES[choice.slot].stage_class(choice.name)(choice.settings, clip)
-            for slot in _DIRECTIONS
-            if (choice := configuration.choices[slot]) and STAGES[slot].is_true(choice)
-        }
-        for configuration in configurations
-    }
+    directions = {configuration.name: _Directions.of(configuration, clip) for configuration in configurations}
     following = {
         tracking: (Tracker(tracking), Namer(manifest.subjects, manifest.targets))
         for tracking in dict.fromkeys(configuration.attend.tracking for configuration in configurations)
@@ -394,9 +388,9 @@ def pose_frames(
         scene, people = clip.scene(number), clip.truth(number).people
         decode_s = time.perf_counter() - started
         scenes: dict[tuple[str, ...], Scene] = {}
-        for own in stages.values():
-            if tuple(own) not in scenes:
-                scenes[tuple(own)] = scene if people is None else _with_directions(scene, people, own)
+        for own in directions.values():
+            if own.keys not in scenes:
+                scenes[own.keys] = own.of_scene(scene, people)
         tracks = {}
         for tracking, (tracker, namer) in following.items():
             timings: Timings = {"decode": decode_s}
@@ -407,23 +401,43 @@ def pose_frames(
         for configuration in configurations:
             name = configuration.name
             tracked, names, timings = tracks[configuration.attend.tracking]
-            seen = replace(scenes[tuple(stages[name])], names=names.targets)
+            seen = replace(scenes[directions[name].keys], names=names.targets)
             if name in answers:
                 seen, tracked, names = answers[name].complete(seen, tracked, names)
             results[name] = FollowedFrame(None, seen, tracked, names, {**timings})
         yield SharedFrame(index=number, frame=None, by_configuration=results)
 
 
-def _with_directions(scene: Scene, people: Iterable[PersonTruth], stages: Mapping[str, Any]) -> Scene:
-    """The scene with the directions that the stages give; none where the truth is not known, as in a blink."""
-    truths = {person.instance_id: person for person in people}
-    placed = []
-    for person in scene.people:
-        truth = truths.get(person.instance_id or 0)
-        cues = {}
-        for key, stage in stages.items():
-            slot = key.partition(" ")[0]
-            is_known = truth is not None and getattr(truth, _DIRECTIONS[slot]) is not None
-            cues[slot] = stage.of_person(scene.index, truth) if is_known else None
-        placed.append(replace(person, view=replace(person.view, **cues)))
-    return replace(scene, people=tuple(placed))
+@dataclass(frozen=True, slots=True)
+class _Directions:
+    """The directions that a configuration changes: by slot the stage that gives the true one, None to leave it out.
+
+    ``keys`` are equal for configurations that have the same ones.
+    """
+
+    keys: tuple[str, ...]
+    stages: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, configuration: Configuration, clip: MeasuredClip) -> _Directions:
+        """Those of a configuration, on a clip."""
+        keys, stages = [], {}
+        for slot in _DIRECTIONS:
+            choice = configuration.choices[slot]
+            if choice is None or STAGES[slot].is_true(choice):
+                keys.append(choice.key if choice else f"{slot} {OFF}")
+                stages[slot] = STAGES[slot].stage_class(choice.name)(choice.settings, clip) if choice else None
+        return cls(tuple(keys), stages)
+
+    def of_scene(self, scene: Scene, people: Iterable[PersonTruth] | None) -> Scene:
+        """The scene with these directions; none where the truth is not known, as in a blink."""
+        truths = {person.instance_id: person for person in people or ()}
+        placed = []
+        for person in scene.people:
+            truth = truths.get(person.instance_id or 0)
+            cues = {}
+            for slot, stage in self.stages.items():
+                is_known = truth is not None and getattr(truth, _DIRECTIONS[slot]) is not None
+                cues[slot] = stage.of_person(scene.index, truth) if stage and is_known else None
+            placed.append(replace(person, view=replace(person.view, **cues)))
+        return replace(scene, people=tuple(placed))

@@ -35,7 +35,6 @@ from harness.clips.manifest import clips_here
 from harness.files.folders import find, names
 from harness.files.parsing import parse_assignment, read_toml
 from harness.pipeline.configuration import (
-    OFF,
     STAGES,
     TABLES,
     Configuration,
@@ -60,8 +59,8 @@ from vfoa.validation import parse
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},
-    # for clips of recorded 3D poses, which have no images
-    "measured": {slot.name: {slot.key: OFF} for slot in STAGES.values()},
+    # for clips of measurements, which have no images
+    "measured": {slot.name: {slot.key: slot.measured} for slot in STAGES.values()},
     # half the disparities of a quarter of the pixels, where objects and heads are; masks carried by optical flow;
     # in an image 1024 px wide, faces are found from 25 px on; clouds and heads of fewer points
     "realtime": {

@@ -90,7 +90,8 @@ def test_any_experiment_runs_and_uses_no_model(talk: Path, monkeypatch: pytest.M
     monkeypatch.setenv("VFOA_MODELS", str(talk / "nothing"))
     directory = _run(talk, "default", clips=("talk",))
     (settings,) = directory.read_manifest().configurations.values()
-    assert [settings[stage] for stage in ("stereo", "segmentation", "heads", "head_pose", "gaze")] == [None] * 5
+    assert [settings[stage] for stage in ("stereo", "segmentation", "heads")] == [None] * 3
+    assert [settings[stage] for stage in ("head_pose", "gaze")] == [{"model": "measured"}] * 2
     assert len(list(read_records(directory))) == 12
 
 
@@ -134,8 +135,30 @@ def test_the_example_of_the_documents_runs_and_answers(tmp_path: Path, monkeypat
 
 def test_a_clip_with_images_needs_its_stages(talk: Path) -> None:
     write_text(talk / "mixed.toml", EXPERIMENT.replace("talk", "studio_table"))
-    with pytest.raises(VfoaError, match=r'stereo\.matcher: found "none"'):
+    with pytest.raises(VfoaError, match=r'studio_table.*head_pose\.model = "measured"'):
         _run(talk, "mixed.toml")
+    is_off = 'preset = "measured"\n[[configuration]]\nname = "off"\nhead_pose.model = "none"\ngaze.model = "none"\n'
+    write_text(talk / "off.toml", f'clips = ["studio_table"]\n{is_off}')
+    with pytest.raises(VfoaError, match=r'stereo\.matcher: found "none"'):
+        _run(talk, "off.toml")
+
+
+def test_a_measured_direction_is_left_out_where_its_stage_is_off(talk: Path) -> None:
+    write_text(
+        talk / "cues.toml",
+        'clips = ["talk"]\npreset = "measured"\n[grid.gaze]\ngaze = {}\nno_gaze = { model = "none" }\n'
+        '[grid.head_pose]\nhead = {}\nno_head = { model = "none" }\n',
+    )
+    found: dict[str, set[tuple[bool, bool]]] = {}
+    for record in read_records(_run(talk, "cues.toml")):
+        cues = {(each.gaze is not None, each.head is not None) for each in record.subjects if each.name == "anna"}
+        found.setdefault(record.configuration, set()).update(cues)
+    assert found == {
+        "gaze-head": {(True, True)},
+        "gaze-no_head": {(True, False)},
+        "no_gaze-head": {(False, True)},
+        "no_gaze-no_head": {(False, False)},
+    }
 
 
 def test_a_true_gaze_is_seen_only_through_its_stages(talk: Path) -> None:
