@@ -162,6 +162,7 @@ def _axes_of(pairs: Any) -> tuple[list[str], list[str]]:
             truths.add(truth)
             answers.add(answer)
             counts[truth] += count
+            counts[answer] += count  # one that is never right has a column, too
     last = ("none", NO_HIT, NO_PREDICTION)
     common = {name for name, _ in counts.most_common(_MOST_NAMES)}
     kept = [sorted(names & common - set(last), key=natural_order) for names in (truths, truths | answers)]

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 import pytest
 
 from harness.labels.labels import Label
@@ -166,6 +167,17 @@ def test_a_confusion_of_many_names_keeps_the_frequent_ones() -> None:
     assert shown == [*names[6:], "(other)"]
     framed = {int(max(line.get_ydata())) for line in axes.get_lines()}
     assert framed == {*range(24)}  # answers that share a name with the truth are not all right
+
+
+def test_a_confusion_names_the_answers_that_are_never_right() -> None:
+    truth, given = ["cup", "book", "cup"], ["cup", "dragon", "dragon"]
+    verdicts = [judge(record, "girl", labels(*truth).at(record.frame, "girl")) for record in answers(given)]
+    with styled():
+        axes = charts.confusion({"one": verdicts}, 3.5).axes[0]
+    shares = np.nan_to_num(np.ma.filled(axes.get_images()[0].get_array(), 0))
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["book", "cup", "dragon"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["book", "cup"]
+    assert shares.tolist() == [[0, 0, 100], [0, 50, 50]]
 
 
 @pytest.mark.parametrize("width", WIDTHS_INCH.values())
