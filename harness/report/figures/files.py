@@ -23,7 +23,7 @@ from harness.score.labelled_run import read_labelled
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import Verdict
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, listed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,14 +59,22 @@ NAMES = ("frr", "frr_by_clip", "error_types", "confusion", "calibration", "learn
 
 
 def write_figures(figures: Figures, folder: Path) -> list[Path]:
-    """Write every figure into a folder, which is made; all files or none. Equal runs give equal bytes."""
+    """Write every figure into a folder, which is made; all files or none. Equal runs give equal bytes.
+
+    Letters that no font of this machine has are noted in ``figures.missing``.
+    """
     from harness.report.figures.style import saved, styled
 
     contents: dict[Path, str | bytes] = {}
-    with styled():
+    with styled() as letters:
         for (name, draw), (width, inches) in product(figures.drawn.items(), WIDTHS_INCH.items()):
             figure = draw(inches)
             contents |= {folder / f"{name}_{width}.{kind}": saved(figure, kind) for kind in FORMATS}
+    if letters:
+        figures.missing.append(
+            f"letters of names ({listed(sorted(letters), most=5)}): no font here has them; install one, such as Noto "
+            "Sans CJK for Chinese, Japanese and Korean"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     write_together(contents)
     return list(contents)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import io
+import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import matplotlib as mpl
+from matplotlib import font_manager
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -51,13 +54,33 @@ _STYLE = {
 }
 
 
+_FURTHER_FONTS = (
+    *("Noto Sans CJK SC", "Noto Sans CJK JP", "Source Han Sans SC", "WenQuanYi Zen Hei", "Droid Sans Fallback"),
+    *("PingFang SC", "Hiragino Sans", "Microsoft YaHei", "Yu Gothic", "Malgun Gothic", "Arial Unicode MS"),
+)
+"""Fonts of common systems for the letters that DejaVu Sans lacks, such as Chinese, Japanese and Korean ones."""
+_MISSING = re.compile(r"Glyph (\d+) .* missing from font")
+
+
 @contextmanager
-def styled() -> Iterator[None]:
-    """Draw and save in this style within the block, whatever the user's own settings of Matplotlib are."""
-    with mpl.rc_context():
+def styled() -> Iterator[set[str]]:
+    """Draw and save in this style within the block, whatever the user's own settings of Matplotlib are.
+
+    Letters that no font has are drawn as boxes; at the end of the block they are in the set that it is given.
+    """
+    installed = {font.name for font in font_manager.fontManager.ttflist}
+    families = [_STYLE["font.family"], *(name for name in _FURTHER_FONTS if name in installed)]
+    letters = set[str]()
+    with mpl.rc_context(), warnings.catch_warnings(record=True) as caught:
         mpl.rcdefaults()
-        mpl.rcParams.update(_STYLE)
-        yield
+        warnings.filterwarnings("always", message="Glyph")
+        mpl.rcParams.update({**_STYLE, "font.family": families})
+        yield letters
+    for warning in caught:
+        if match := _MISSING.match(str(warning.message)):
+            letters.add(chr(int(match[1])))
+        else:
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
 
 
 def canvas(width_inch: float, height_inch: float) -> Figure:

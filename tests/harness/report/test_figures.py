@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from harness.labels.labels import Label
 from harness.record.frame_reading import FrameContent
@@ -197,6 +198,21 @@ def test_long_names_leave_room_for_the_panels_of_a_confusion(panels: int, width:
         tight = figure.get_tightbbox()
         assert tight.y0 >= -0.02
         assert tight.x0 >= -0.02
+
+
+def test_letters_that_no_font_has_are_named(tmp_path: Path, no_pdf: None, recwarn: pytest.WarningsRecorder) -> None:
+    sign = "\N{CUNEIFORM SIGN A}"
+
+    def draw(width: float) -> Figure:
+        figure = canvas(width, 1)
+        figure.add_subplot().set(xlabel=f"cup {sign}")
+        return figure
+
+    figures = Figures(drawn={"frr": draw})
+    write_figures(figures, tmp_path)
+    assert len(figures.missing) == 1
+    assert f"({sign})" in figures.missing[0]
+    assert not recwarn.list
 
 
 def test_settings_of_the_user_do_not_matter() -> None:
