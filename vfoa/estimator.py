@@ -14,6 +14,7 @@ import vfoa.heads
 import vfoa.segmentation
 import vfoa.stereo
 from vfoa.config import METHOD_OF_CLIP, STEPS, check_immediate, dotted_tables, is_in_region, read_steps
+from vfoa.depth_memory import DepthMemory
 from vfoa.divided_people import join_people
 from vfoa.errors import VfoaError
 from vfoa.estimate import Estimate
@@ -161,7 +162,7 @@ class Follower:
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
         self._tracker, self._attending = Tracker(estimator.attend.tracking), Attending(estimator.attend)
-        self._instances = InstanceTracker()
+        self._instances, self._depths = InstanceTracker(), DepthMemory()
         self._frames = 0
         self._time_ns: int | None = None
         self._stages, every = estimator.stages, estimator.key_frames.every
@@ -197,6 +198,7 @@ class Follower:
         percepts = join_people(perceive(frame, self._stages), estimator.reconstruction.person)
         percepts = self._instances.step(percepts.instances).renumber(percepts)
         scene = reconstruct(percepts, estimator.reconstruction)
+        scene = replace(scene, targets=self._depths.step(scene.targets, self._rig))
         (result,) = self._attending.step(scene, self._tracker.step(scene.people))
         self._frames, self._time_ns = self._frames + 1, now_ns
         return Estimate(percepts=percepts, result=result)

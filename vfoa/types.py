@@ -419,7 +419,9 @@ class Person:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """One frame in metres: the targets and the people. It has no memory of other frames.
+    """One frame in metres: the targets and the people.
+
+    Of other frames it has only the last depth of targets without one (:mod:`vfoa.depth_memory`).
 
     It comes from :func:`vfoa.pipeline.reconstruct`, or from a clip that holds measurements instead of images.
     ``masks_from`` is the number of the key frame whose masks were carried to this frame, and ``masks_age_s`` the

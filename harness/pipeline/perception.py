@@ -29,6 +29,7 @@ from harness.pipeline.prefetch import prefetch
 from harness.pipeline.stage_files.answers import FileAnswers
 from harness.pipeline.stage_runner import Memo, StageRunner, Timings, guarded, timed
 from harness.sources import Clip, MeasuredClip, PersonTruth
+from vfoa.depth_memory import DepthMemory
 from vfoa.divided_people import join_people
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
@@ -38,7 +39,7 @@ from vfoa.instance_tracking import InstanceTracker, Numbered
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.tracking import Tracked, Tracker
-from vfoa.types import Gaze, Percepts, Person, Scene, StereoFrame
+from vfoa.types import Gaze, Percepts, Person, Scene, StereoFrame, Target
 
 _Followed = TypeVar("_Followed")
 
@@ -90,6 +91,7 @@ class _Group:
     person: tuple[str, ...]
     instances: InstanceTracker
     names: list[str] = field(default_factory=list)
+    depths: dict[str, DepthMemory] = field(default_factory=dict)
     trackers: dict[str, Tracker] = field(default_factory=dict)
     namers: dict[str, Namer] = field(default_factory=dict)
     windows: dict[str, HeadWindow] = field(default_factory=dict)
@@ -139,6 +141,7 @@ class Perception:
         self._groups: dict[tuple[object, ...], _Group] = {}
         self._group_of: dict[str, _Group] = {}
         self._instances: dict[tuple[object, ...], InstanceTracker] = {}
+        self._depths: dict[tuple[object, ...], DepthMemory] = {}
         self._trackers: dict[tuple[object, ...], Tracker] = {}
         self._namers: dict[tuple[object, ...], Namer] = {}
         self._windows: dict[tuple[object, ...], HeadWindow] = {}
@@ -221,6 +224,7 @@ class Perception:
     ) -> SharedFrame:
         """Place the objects and people in space and name them, for every configuration that has not failed."""
         results: dict[str, FollowedFrame | VfoaError] = {}
+        deep: dict[DepthMemory, tuple[tuple[Target, ...], float]] = {}
         named: dict[Namer, tuple[FrameNames, float]] = {}
         gazes: dict[HeadWindow, tuple[tuple[Gaze | None, ...], float]] = {}
         memo = Memo()
@@ -241,6 +245,10 @@ class Perception:
                 seen, settings = (percepts.disparity, percepts.instances, percepts.rig), configuration.reconstruction
                 place = ("reconstruction", guarded, "reconstruction")
                 targets = memo.call(*place, place_targets, *seen, settings)
+                if (depths := group.depths[name]) not in deep:
+                    deep[depths] = _following(guarded, "reconstruction", depths.step, targets, percepts.rig)
+                targets, seconds = deep[depths]
+                memo.charge("reconstruction", seconds)
                 scene = memo.call(*place, place_people, percepts, targets, settings)
                 tracked, seconds = tracks[group.trackers[name]]
                 memo.charge("tracking", seconds)
@@ -300,6 +308,7 @@ class Perception:
         name = configuration.name
         group.names.append(name)
         group.trackers[name] = self._trackers.setdefault(seen, Tracker(configuration.attend.tracking))
+        group.depths[name] = self._depths.setdefault((*found, configuration.reconstruction), DepthMemory())
         group.namers[name] = self._namers.setdefault(with_depth, Namer(*self._rules))
         if temporal:
             group.windows[name] = self._windows[with_gaze]

@@ -71,7 +71,7 @@ def identities(
 
 _PLACED_BY = (
     *("vfoa.reconstruction", "vfoa.divided_people", "vfoa.tracking", "vfoa.instance_tracking", "vfoa.drawn"),
-    *("vfoa.visible", "harness.clips.naming"),
+    *("vfoa.depth_memory", "vfoa.visible", "harness.clips.naming"),
 )
 """Code that decides the values of a scene, with all that it imports."""
 _WRITTEN_BY = (

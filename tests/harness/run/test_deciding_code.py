@@ -27,7 +27,8 @@ def test_what_decides_results_is_the_loop_the_stages_and_the_adapters() -> None:
 def test_scenes_depend_on_what_perceives_and_on_no_method() -> None:
     modules = import_closure(scene_identity._PLACED_BY)[0].keys() | {*scene_identity._WRITTEN_BY}
     assert {"vfoa.reconstruction", "harness.run.scenes", "harness.pipeline.perception"} <= modules
-    assert {"vfoa.tracking", "vfoa.instance_tracking", "vfoa.divided_people", "harness.clips.naming"} <= modules
+    assert {"vfoa.tracking", "vfoa.instance_tracking", "vfoa.divided_people", "vfoa.depth_memory"} <= modules
+    assert {"harness.clips.naming"} <= modules
     assert not modules & {place.partition(":")[0] for place in METHODS.builtin.values()}
     with pytest.raises(ValueError, match=r"no such module: harness\.run\.seens"):
         own_code_digest(("harness.run.scenes", "harness.run.seens"))

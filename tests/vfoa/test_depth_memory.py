@@ -1,0 +1,141 @@
+"""An object that is seen without a depth is where its last depth puts it, for a few frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vfoa
+from harness.clips.manifest import load_manifest
+from harness.pipeline.ground_truth import TruthMatcher
+from harness.pipeline.perception import FollowedFrame, Perception
+from harness.run.experiment import load_experiment
+from tests.disk import write_text
+from tests.scenes import make_box, make_rig, rendered_boxes
+from tests.true_stages import NEAR, true_percepts, true_stages
+from vfoa.depth_memory import DepthMemory
+from vfoa.instance_tracking import PATIENCE
+from vfoa.reconstruction import ReconstructionSettings, place_targets
+from vfoa.types import Disparity, Percepts, StereoFrame, Target
+
+RIG = make_rig(320, 200, fx_px=260)
+BLACK = np.zeros((240, 400, 3), np.uint8)
+PLAIN, OTHER = 1, 2
+SETTINGS = ReconstructionSettings()
+EXPERIMENT = """
+clips = ["studio_table"]
+defaults.stereo.matcher = "truth"
+defaults.segmentation.model = "truth"
+defaults.heads.detector = "truth"
+defaults.head_pose.model = "truth"
+defaults.gaze.model = "truth"
+
+[[configuration]]
+name = "fine"
+
+[[configuration]]
+name = "coarse"
+reconstruction.max_points = 200
+"""
+
+
+def scene(x: float = -0.4, *, of: tuple[int, ...] = (PLAIN, OTHER)) -> Percepts:
+    """Two boxes, of which these have a depth."""
+    seen = rendered_boxes(RIG, [make_box((x, 0.3, 1.8), 0.15), make_box((0.6, 0, 2.5), 0.2)])
+    return replace(seen, disparity=of_ids(seen, of))
+
+
+def of_ids(percepts: Percepts, known: tuple[int, ...]) -> Disparity:
+    """The disparities of these instances alone."""
+    is_known = np.isin(percepts.instances.ids, known)
+    disparity = np.where(is_known, percepts.disparity.disparity_px, np.float32(np.nan))
+    return Disparity(disparity_px=disparity.astype(np.float32))
+
+
+def placed(percepts: Percepts) -> tuple[Target, ...]:
+    return place_targets(percepts.disparity, percepts.instances, percepts.rig, SETTINGS)
+
+
+def test_an_object_without_a_depth_is_where_its_last_depth_puts_it() -> None:
+    memory = DepthMemory()
+    (before, _), blind = memory.step(placed(scene()), RIG), placed(scene(of=(OTHER,)))
+    (after, other) = memory.step(blind, RIG)
+    assert before.box is not None
+    assert after.box is not None
+    assert blind[0].box is None
+    np.testing.assert_allclose(after.box.center_m, before.box.center_m)
+    np.testing.assert_array_equal(after.points_left, before.points_left)
+    assert other is blind[1]
+
+
+@pytest.mark.parametrize("moved_m", [-0.1, 0.05, 0.2])
+def test_it_moves_with_its_mask(moved_m: float) -> None:
+    memory, true = DepthMemory(), placed(scene(-0.4 + moved_m))[0]
+    memory.step(placed(scene()), RIG)
+    after = memory.step(placed(scene(-0.4 + moved_m, of=(OTHER,))), RIG)[0]
+    assert true.box is not None
+    assert after.box is not None
+    # from elsewhere, the camera sees another part of its side
+    np.testing.assert_array_less(abs(after.box.center_m - true.box.center_m), [0.01, 0.01, 0.04])
+
+
+def test_after_some_frames_its_depth_is_not_known() -> None:
+    memory = DepthMemory()
+    memory.step(placed(scene()), RIG)
+    found = [memory.step(placed(scene(of=(OTHER,))), RIG)[0].box for _ in range(PATIENCE + 2)]
+    assert [box is not None for box in found] == [True] * PATIENCE + [False] * 2
+
+
+def test_frames_that_miss_the_object_count() -> None:
+    memory = DepthMemory()
+    memory.step(placed(scene()), RIG)
+    for _ in range(PATIENCE):
+        memory.step((), RIG)
+    blind = placed(scene(of=(OTHER,)))
+    assert memory.step(blind, RIG) is blind
+
+
+def test_what_never_had_a_depth_has_none_and_what_has_one_stays() -> None:
+    memory, blind, seen = DepthMemory(), placed(scene(of=(OTHER,))), placed(scene())
+    assert memory.step(blind, RIG) is blind
+    assert memory.step(seen, RIG) is seen
+
+
+def test_a_look_at_it_goes_on() -> None:
+    percepts = true_percepts()
+    follower = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=ReconstructionSettings(eyes="patch")).follow(
+        percepts.rig
+    )
+    blind = replace(percepts, disparity=of_ids(percepts, tuple({*range(4)} - {NEAR})))
+    stages = true_stages(blind, NEAR)
+    (before,) = follower.step(BLACK, BLACK).looks
+    follower._stages = stages
+    (after,) = follower.step(BLACK, BLACK).looks
+    assert after.target == before.target is not None
+    np.testing.assert_allclose(after.distance_m, before.distance_m)
+
+
+def test_in_a_run_each_object_has_a_box_when_the_matcher_finds_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    match = TruthMatcher.match
+
+    def blinking(self: TruthMatcher, frame: StereoFrame) -> Disparity:
+        found = match(self, frame)
+        return found if frame.index != 2 else Disparity(disparity_px=np.full_like(found.disparity_px, np.nan))
+
+    monkeypatch.setattr(TruthMatcher, "match", blinking)
+    configurations = load_experiment(str(write_text(tmp_path / "true.toml", EXPERIMENT))).configurations
+    with Perception(configurations, load_manifest("studio_table").open_images()) as perception:
+        frames = list(perception.frames((1, 2, 3)))
+    for name in ("fine", "coarse"):
+        boxes = []
+        for frame in frames:
+            followed = frame.by_configuration[name]
+            assert isinstance(followed, FollowedFrame)
+            boxes.append({target.instance.id for target in followed.scene.targets if target.box})
+        assert boxes[1] == boxes[0] != set()
+        assert len(boxes[2]) >= len(boxes[1])
