@@ -18,6 +18,7 @@ from harness.clips.naming import NameRule, keys_and_colours
 from harness.files.folders import came_with_program
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_toml
+from harness.files.safe_names import composed
 from vfoa.errors import VfoaError, check_known
 from vfoa.validation import parse
 
@@ -93,7 +94,10 @@ def _open(path: Path) -> tuple[tomlkit.TOMLDocument, ClipManifest]:
     if came_with_program(path):
         raise VfoaError(f"{path} came with vfoa and is read-only; copy it to your own datasets/ to change its targets")
     text = read_bytes(path).decode()
-    manifest = make_manifest(parse_toml(text, path), path)
+    plain = parse_toml(text, path)
+    manifest = make_manifest(plain, path)
+    for name in (*plain.get("subjects", ()), *plain.get("targets", ())):
+        text = text.replace(name, composed(name))
     try:
         document = tomlkit.parse(text)
     except TOMLKitError as error:

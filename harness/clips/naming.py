@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from harness.files.safe_names import composed
 from vfoa.geometry import box_iou
 from vfoa.settings import Settings
 from vfoa.tracking import Tracked
@@ -151,8 +152,9 @@ def name_instances(
     names = {instance_id: name for instance_id, name in of_people.items() if instance_id is not None}
     known = {**subjects, **targets}
     for instance, _ in seen:
-        if instance.name in known and instance.name not in names.values():
-            names.setdefault(instance.id, instance.name)
+        own_name = composed(instance.name or "")
+        if own_name in known and own_name not in names.values():
+            names.setdefault(instance.id, own_name)
     exact = {name: rule for name, rule in targets.items() if not rule.is_shared}
     names = _named(names, (*_in_turn(subjects, memory), exact), things)
     shared = {rule.category: name for name, rule in targets.items() if rule.is_shared}
@@ -194,7 +196,7 @@ def _people(scene: Scene, tracked: Tracked) -> list[_Candidate]:
                 instance_id=instance_id,
                 label=None if instance is None else instance.label,
                 box_px=None if head is None else head.box_px,
-                own_name=None if instance is None else instance.name,
+                own_name=composed(instance.name) if instance and instance.name else None,
             )
         )
     return people

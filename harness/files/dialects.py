@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from harness.files.io import read_bytes
+from harness.files.safe_names import composed
 from vfoa.errors import VfoaError
 
 Row = tuple[int, list[str]]
@@ -157,9 +158,12 @@ def csv_lines(
 ) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of every line of a text that is not blank; ``above`` lines of the file precede it.
 
+    Accents are in their letters (:func:`harness.files.safe_names.composed`): cells are names.
     ``skips_blanks``: blanks after a separator belong to no cell. A :class:`VfoaError` says what is not CSV.
     """
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=skips_blanks, strict=True)
+    reader = csv.reader(
+        io.StringIO(composed(text), newline=""), delimiter=separator, skipinitialspace=skips_blanks, strict=True
+    )
     try:
         for cells in reader:
             if cells:

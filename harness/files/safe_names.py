@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 
 _FORMULA = ("=", "+", "-", "@")
 """A spreadsheet executes a cell that begins with one of these as a formula."""
@@ -24,6 +25,14 @@ def check_name(name: str) -> str:
     if not name.strip() or not name.isprintable() or name.startswith(_FORMULA):
         raise ValueError(f"found the name {name!r}; expected text that does not begin with {' '.join(_FORMULA)}")
     return name
+
+
+def composed(text: str) -> str:
+    """Text with each accent in its letter (Unicode's form NFC), in which equal names are equal.
+
+    macOS writes file names, and programs on it names taken from them, with accents as signs of their own (NFD).
+    """
+    return text if text.isascii() else unicodedata.normalize("NFC", text)
 
 
 def shown(text: str) -> str:

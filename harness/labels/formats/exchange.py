@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import unquote
 
+from harness.files.safe_names import composed
 from harness.labels.drawn_shapes import Drawn
 from harness.labels.labels import (
     IGNORED,
@@ -69,8 +70,12 @@ class NameLog:
     _unknown: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
     """By kind and name: the first place, and the suggestion."""
 
+    def __post_init__(self) -> None:
+        self.renamed = {composed(theirs): composed(ours) for theirs, ours in self.renamed.items()}
+
     def translate(self, name: str, subject: str | None = None) -> str:
         """Our name for theirs, of a target of ``subject`` (ours) if one is given; unchanged without a rename."""
+        name = composed(name)
         self._seen.add(name)
         if subject is not None:
             theirs = (their_name for their_name, ours in self.renamed.items() if ours == subject)
@@ -196,11 +201,11 @@ class Exchange:
             If there are several, and neither their names nor ``film`` tell.
         """
         if self.film is not None:
-            check_known(self.film, [file_name(name) for name in names], f"{where}: --film: no")
-            return next(name for name in names if file_name(name) == self.film)
+            check_known(composed(self.film), [file_name(name) for name in names], f"{where}: --film: no")
+            return next(name for name in names if file_name(name) == composed(self.film))
         if self.offset is not None or len(names) < 2:
             return next(iter(names), None)
-        own = (name for film in self.films for name in names if file_name(name) == film)
+        own = (name for film in self.films for name in names if file_name(name) == composed(film))
         if (film := next(own, None)) is None:
             listed = ", ".join(dict.fromkeys(map(file_name, names)))
             raise VfoaError(f"{where}: found the films {listed}; expected --film NAME, the one that shows the clip")
@@ -349,7 +354,7 @@ def rounded_ms(time_ns: int) -> int:
 
 def file_name(address: str) -> str:
     """The name of the file at a path, also of another system, or at an address such as ``file:///C:/a%20b.mp4``."""
-    return re.split(r"[/\\]", unquote(address))[-1]
+    return composed(re.split(r"[/\\]", unquote(address))[-1])
 
 
 def one_line(text: str | None) -> str:

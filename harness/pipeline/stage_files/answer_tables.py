@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.clips.naming import is_automatic
+from harness.files.safe_names import composed
 from harness.files.tables import TableColumns, read_columns
 from harness.labels.labels import NOWHERE
 from harness.sources.measured.idiap import answers_of_idiap, is_tracker_output
@@ -142,7 +143,7 @@ def _read_parquet(path: Path) -> TableColumns:
     except (ValueError, pa.ArrowException, OSError) as error:
         raise VfoaError(f"{path}: damaged: {' '.join(str(error).split())}") from None
     cells = {
-        name: tuple(map(_text, column.to_pylist()))
+        composed(name): tuple(map(_text, column.to_pylist()))
         for name, column in zip(table.column_names, table.columns, strict=True)
     }
     return TableColumns(path=path, lines=tuple(range(1, table.num_rows + 1)), cells=cells)
@@ -150,7 +151,7 @@ def _read_parquet(path: Path) -> TableColumns:
 
 def _text(value: Any) -> str:
     """A cell; blank for a null and for NaN."""
-    return "" if value is None or value != value else str(value)
+    return "" if value is None or value != value else composed(str(value))
 
 
 class _CheckedTable:
