@@ -1,10 +1,12 @@
-"""Ascending order: of names with numbers in them, and places in sequences of numbers."""
+"""Ascending order: of names with numbers in them, places in sequences of numbers, and their steps."""
 
 from __future__ import annotations
 
 import re
 from bisect import bisect_left
 from collections.abc import Sequence
+from itertools import pairwise
+from statistics import median
 
 
 def place_in(ascending: Sequence[int], number: int) -> int | None:
@@ -16,3 +18,13 @@ def place_in(ascending: Sequence[int], number: int) -> int | None:
 def natural_order(name: str) -> list[tuple[int, str]]:
     """The key of an order in which ``mug 2`` comes before ``mug 10``."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def numbers_per_second(frames: Sequence[int], rate_hz: float | None) -> float | None:
+    """How many numbers of frames a second has: the rate where they count, a billion where they are nanoseconds.
+
+    ``rate_hz`` is that of the frames, of which every Nth may be there. None: it is not known.
+    """
+    if rate_hz is None or len(frames) < 2:
+        return rate_hz
+    return rate_hz * median(later - earlier for earlier, later in pairwise(frames))

@@ -30,8 +30,9 @@ EVERYONE = "Everyone"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipContent:
-    """The content of a clip's recording: the kinds of its images, the extent of its scene, and its rate.
+    """The content of a clip's recording: the kinds of its images, the extent of its scene, and how it is played.
 
+    ``per_second`` is how many numbers of frames a second has; None if it is not known.
     ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres. ``span`` is the
     first and the last frame, None if they are not known yet. ``curves`` are the entity paths of attention that have
     values.
@@ -41,7 +42,7 @@ class ClipContent:
     has_right: bool
     has_measured_depth: bool
     eye: tuple[Float, Float]
-    rate_hz: float | None
+    per_second: float | None
     span: tuple[int, int] | None = None
     curves: frozenset[str] = frozenset()
 
@@ -82,7 +83,7 @@ def comparison_layout(
 def _blueprint(content: rrb.Container, shown: ClipContent) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
-        rrb.TimePanel(timeline="frame", play_state="paused", fps=shown.rate_hz, state="collapsed"),
+        rrb.TimePanel(timeline="frame", play_state="paused", fps=shown.per_second, state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,

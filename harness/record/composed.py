@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harness.files.ascending import numbers_per_second
 from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.run.directory import Pair, RunDirectory
 from vfoa.errors import VfoaError, did_you_mean
@@ -175,7 +176,7 @@ def _content(clips: Sequence[RecordedClip]) -> ClipContent:
         has_right=entities.RIGHT in paths,
         has_measured_depth=entities.MEASURED_DEPTH in paths,
         eye=eye_on([points for file in files if file.is_file() for points in first_shapes(file)]),
-        rate_hz=clips[0].rate_hz,
+        per_second=numbers_per_second(clips[0].frames, clips[0].rate_hz),
         span=(min(frames), max(frames)) if frames else None,
         curves=frozenset(path for path in paths if path.startswith(f"{entities.ATTENTION}/")),
     )

@@ -32,7 +32,7 @@ class SharedRecorder:
     layers
         The layers of each configuration, by its name.
     rate_hz
-        Frames per second at which the viewer plays; None if the source does not know it.
+        Frames per second; None if the source does not know it.
     names
         The names of the manifest, in its order: they have the first colours.
     jpeg
@@ -124,8 +124,8 @@ class Recorder:
         The files of the clip, and the layers of the configuration.
     colours
         Those of the clip's other recordings: :func:`noted_colours`.
-    rate_hz
-        Frames per second at which the viewer plays; None if the source does not know it.
+    per_second
+        How many numbers of frames a second has, for the viewer; None if it is not known.
     names
         The names of the manifest, in its order: their curves are one entity.
     probabilistic
@@ -136,7 +136,7 @@ class Recorder:
     layers: LayerNames
     colours: Colours
     _: KW_ONLY
-    rate_hz: float | None
+    per_second: float | None
     names: Sequence[str] = ()
     probabilistic: bool = False
 
@@ -180,7 +180,7 @@ class Recorder:
             has_right=camera is not None and camera.has_right,
             has_measured_depth=camera is not None and camera.has_depth,
             eye=eye_of_scene(first.result.scene),
-            rate_hz=self.rate_hz,
+            per_second=self.per_second,
         )
         self._layer.open(file_layout(self.layers, shown))
         self._layer.stream.log(entities.GUIDE, guide(), static=True)

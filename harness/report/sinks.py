@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from harness.files.ascending import numbers_per_second
 from harness.files.digests import own_code_digest
 from harness.pipeline.configuration import Configuration
 from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_ids
@@ -69,7 +70,7 @@ class RecordingSinks:
             files,
             self.layers[context.configuration],
             colours,
-            rate_hz=context.rate_hz,
+            per_second=numbers_per_second(context.frames, context.rate_hz),
             names=_names(context),
             probabilistic=context.probabilistic,
         )

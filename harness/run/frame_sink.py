@@ -91,6 +91,7 @@ class ClipContext:
 
     manifest: ClipManifest
     configurations: tuple[str, ...]
+    frames: tuple[int, ...]
     image_frames: tuple[int, ...]
     rate_hz: float | None
     directory: RunDirectory

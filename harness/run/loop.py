@@ -101,6 +101,7 @@ class ClipJob:
         return ClipContext(
             manifest=self.manifest,
             configurations=tuple(configuration.name for configuration in self.configurations),
+            frames=self.frames,
             image_frames=() if isinstance(clip, MeasuredClip) else self.frames,
             rate_hz=clip.rate_hz,
             directory=self.directory,

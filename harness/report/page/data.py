@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.files.ascending import numbers_per_second
 from harness.files.parsing import flattened
 from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
@@ -142,7 +143,7 @@ def page_data(
         if pictures := _pictures(clip, subjects, numbers, thumbnails):
             packs[f"pictures-{number}"] = pack_json(pictures)
         frames = sorted({frame for judged in subjects.values() for frame in frames_of(judged).tolist()})
-        per_second = _per_second(frames, rates_hz.get(clip))
+        per_second = numbers_per_second(frames, rates_hz.get(clip))
         clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames), "per_second": per_second})
     rows = scores.by_clip()
     places = {clip: number for number, clip in enumerate(scores.clips)}
@@ -165,13 +166,6 @@ def page_data(
         "names": list(names),
     }
     return data, packs
-
-
-def _per_second(frames: Sequence[int], rate_hz: float | None) -> float | None:
-    """How many numbers of frames a second has: the rate where they count, a billion where they are nanoseconds."""
-    if rate_hz is None or len(frames) < 2:
-        return rate_hz
-    return rate_hz * float(np.median(np.diff(frames)))
 
 
 def _by_clip(subjects: Iterable[JudgedSubject]) -> dict[str, dict[str, BySubject]]:

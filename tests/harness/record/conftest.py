@@ -203,8 +203,7 @@ def write_run(run: Path, frames: Mapping[str, list[Shown]], **options: Any) -> R
     write_manifest(directory, {"clips": [clip], "configurations": tables, "finished": "now"})
     files = ClipFiles(run=run, clip="clip", ids=recording_ids(str(uuid.uuid4()), "clip"))
     options = {"rate_hz": 25, "names": ["red cup", ANN], **options}
-    of_each = {key: options[key] for key in ("rate_hz", "names")}
-    of_each["probabilistic"] = options.pop("probabilistic", False)
+    of_each = {"names": options["names"], "probabilistic": options.pop("probabilistic", False)}
     with SharedRecorder(files, layers, **options) as recorder:
         for number in numbers:
             recorder.write(
@@ -213,7 +212,7 @@ def write_run(run: Path, frames: Mapping[str, list[Shown]], **options: Any) -> R
     for name, found in frames.items():
         colours = noted_colours(files, [name])
         assert colours
-        with Recorder(files, layers[name], colours, **of_each) as of_one:
+        with Recorder(files, layers[name], colours, per_second=25, **of_each) as of_one:
             for frame in found:
                 of_one.write(under(frame, name).finished)
     records = {("clip", name): [under(frame, name).record for frame in found] for name, found in frames.items()}

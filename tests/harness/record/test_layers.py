@@ -85,7 +85,7 @@ def test_a_configuration_that_fails_leaves_the_others_whole(frames, tmp_path, re
     files = ClipFiles(run=tmp_path, clip="clip")
     names = layer_names({"one": {"attention": 1}, "two": {"attention": 2}})
     with SharedRecorder(files, names, rate_hz=25) as recorder:
-        broken, whole = (Recorder(files, names[name], recorder.colours, rate_hz=25) for name in ("one", "two"))
+        broken, whole = (Recorder(files, names[name], recorder.colours, per_second=25) for name in ("one", "two"))
         with whole, suppress(VfoaError), broken:
             for frame in frames:
                 recorder.write(seen_by({"one": frame, "two": frame}))

@@ -78,6 +78,17 @@ def test_plots_end_with_their_data_on_the_timelines_of_frames_and_of_times(frame
     assert all(room["start"] < first and room["end"] is None for (room,) in ranges)
 
 
+@pytest.mark.parametrize(("step", "per_second"), [(1, 25), (8, 200), (40_000_000, 1e9)])
+def test_the_viewer_plays_in_real_time_whatever_frames_are_numbered_by(frames, tmp_path, step, per_second):
+    """They are counted, or every eighth is there of counted ones, or they are nanoseconds."""
+    write_run(tmp_path / "run", {CONFIGURATION: frames})
+    (clip,) = find_clips(tmp_path / "run", None, None)
+    composed = replace(clip, frames=tuple(7 + step * each for each in range(4))).compose()
+    reader = RrdReader(composed.files_to_open(tmp_path)[0])
+    chunks = reader.stream(store=reader.blueprints()[0]).filter(components="TimePanelBlueprint:fps")
+    assert [chunk.to_record_batch().column("TimePanelBlueprint:fps")[0].as_py() for chunk in chunks] == [[per_second]]
+
+
 def test_there_is_a_plot_for_each_cue_that_was_measured(frames, tmp_path):
     def plots(run, chosen):
         write_run(run, {CONFIGURATION: chosen})
