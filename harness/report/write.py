@@ -57,6 +57,7 @@ from harness.score.finished_run import FinishedRun
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from harness.score.subset import conditions_of
+from harness.score.verdicts import PLAIN
 
 
 class Scored(NamedTuple):
@@ -73,7 +74,9 @@ def scored(columns: Iterable[PairColumns], reference: Reference) -> Scored:
 
     def watched() -> Iterator[PairColumns]:
         for each in columns:
-            attention[each.clip, each.configuration] = AttentionPart.of(each)
+            attention[each.clip, each.configuration] = AttentionPart.of(
+                each, probabilistic=reference.traits.get(each.configuration, PLAIN).probabilistic
+            )
             yield each
 
     return Scored(score(watched(), reference), attention, reference.names_now)

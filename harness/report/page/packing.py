@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.labels.labels import NOWHERE
 from harness.record.appearance import Colours
 from harness.run.columns import UNKNOWN as UNKNOWN_WORD
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair
 from harness.score.verdict_columns import SubjectVerdicts
-from vfoa.types import Codes, Float
+from vfoa.types import CUES, Codes, Float
 
 
 def pack(content: bytes) -> str:
@@ -56,7 +57,7 @@ SCALE = 250
 """Attention is stored in steps of 1 / SCALE; the run's tables have all digits."""
 UNKNOWN = 255
 """Not measured, or no attention in this frame."""
-PARTS = ("total", "gaze", "head")
+PARTS = ("total", *CUES)
 MOST_BYTES = 3_000_000
 """Most bytes of the attention values of all clips in a page. If there are more, only every second or third frame has
 values."""
@@ -85,10 +86,11 @@ class AttentionPart:
     targets: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, columns: PairColumns) -> AttentionPart:
+    def of(cls, columns: PairColumns, *, probabilistic: bool) -> AttentionPart:
         """The attention of each named subject; of instances that share a name, the greatest.
 
-        If tracks share the name of a subject, the first one is the subject's.
+        If tracks share the name of a subject, the first one is the subject's. Of probabilities, looking at nothing has
+        the rest up to 1.
         """
         scene, words = columns.scene, columns.words
         named = np.flatnonzero(scene.person_names != UNKNOWN_WORD)
@@ -109,6 +111,14 @@ class AttentionPart:
             tracks.setdefault(subject, {})[target] = TargetValues(
                 frames=scene.frames[scene.person_at[people[within]]], values=np.stack([*map(_bytes, parts)])
             )
+        if probabilistic:
+            looking, places = np.unique(people, return_inverse=True)
+            nowhere = _bytes(np.maximum(1 - np.bincount(places, columns.total[entries]), 0))
+            values = np.stack([nowhere, *(np.full_like(nowhere, UNKNOWN) for _ in CUES)])
+            for code in np.unique(scene.person_names[looking]).tolist():
+                own = scene.person_names[looking] == code
+                frames = scene.frames[scene.person_at[looking[own]]]
+                tracks[str(words.word(code))][NOWHERE] = TargetValues(frames=frames, values=values[:, own])
         names, appears = np.unique(scene.names, return_index=True)
         return cls(tracks, tuple(map(str, words.words(names[np.argsort(appears)]))))
 

@@ -19,7 +19,7 @@ from harness.report.page.data import LETTERS, STATES, differing_settings
 from harness.report.page.packing import RunAttention, runs, steps
 from harness.report.page.render import RunTables, render_page
 from harness.report.write import run_tables
-from harness.run.manifest import ClipOfRun, RunManifest
+from harness.run.manifest import AnswerTraits, ClipOfRun, RunManifest
 from harness.run.records import FrameRecord
 from harness.score.reference import Reference
 from harness.score.score import Scores
@@ -104,6 +104,26 @@ def test_a_target_has_the_colour_of_the_recordings() -> None:
     shown = {page.data["names"][int(code)]: colour for code, colour in page.pack("clip-0")["colours"].items()}
     expected = Colours(["cup", "lamp", "girl", "dragon"])
     assert shown == {name: "rgb({} {} {})".format(*expected.of(name)) for name in given}
+
+
+def test_the_values_of_probabilities_include_that_of_looking_at_nothing() -> None:
+    things = [target_record(1, "cup"), target_record(2, "book")]
+    totals = ({1: 0.3, 2: 0.1}, {1: 0.0, 2: 0.9})
+    records = [
+        frame_record(things, [subject_record("girl", totals=each)], frame=frame)
+        for frame, each in enumerate(totals, start=1)
+    ]
+    known = {"cup": [75, 0], "book": [25, 225]}
+    for probabilistic, expected in ((True, {**known, "none": [150, 25]}), (False, known)):
+        reference = Reference(
+            labels={"clip": labels("cup", "cup")}, traits={"one": AnswerTraits(probabilistic=probabilistic)}
+        )
+        scores, attention, _ = scored_records(records, reference)
+        page = _Page(render_page(scores, run_tables(scores), attention, run_manifest(scores.clips)))
+        (track,) = page.pack("clip-0")["tracks"]
+        names = [page.data["names"][code] for code in track["configurations"][0]["attended"]]
+        values = np.frombuffer(page.bytes_of("attention-0"), dtype=np.uint8)[: 2 * len(names)].reshape(-1, 2)
+        assert dict(zip(names, values.tolist(), strict=True)) == expected
 
 
 def test_timelines_say_what_the_verdicts_say() -> None:
