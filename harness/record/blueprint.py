@@ -260,11 +260,11 @@ GUIDE = """\
 **What does each person look at?** The table *This frame* has the answer, the truth, and the error type of a wrong
 frame. The timelines below show truth, answer and verdict over time.
 
-- **Left image**: masks and boxes of the targets, in one colour per target everywhere; white boxes are heads.
-- **Scene in metres**: each target's points and 3D box, as the left camera saw them. The number at a name is the
-  target's attention, 0 to 1.
-- **Yellow** is the gaze, **blue** is the head: an arrow, its cones, and their rays. Rays that hit a box are bright and
-  end there; rays that hit nothing are dim.
+- **Left image**: masks and boxes of the targets, in one colour per target everywhere; white boxes are heads. With one
+  person, the number at a name is the target's attention, 0 to 1.
+- **Scene in metres**: each target's points and 3D box, as the left camera saw them.
+- **Yellow** is the gaze, **blue** is the head: an arrow, and of the method `cones` its cones and their rays. Rays that
+  hit a box are bright and end at the first one; of those that hit nothing every second is there, and dim.
 - **Green** marks what the person truly looks at, **red** a wrong answer: a box, and a line from the eyes to it.
 - **Attention**: one curve per target, and with probabilities a grey one of looking at *none*; the highest is the
   answer. The tabs beside it show the part of each cue.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,7 +18,7 @@ from harness.record.frame_reading import FrameContent
 from harness.report.figures.style import INK, OFF, RIGHT, SOFT, canvas, is_wide
 from harness.run.records import BoxRecord, FrameRecord
 from harness.score.verdicts import Verdict, answered, find_subject, true_targets
-from vfoa.types import Float
+from vfoa.types import Cue, Float
 
 CUES = {"gaze": "#c99700", "head": "#2f6fde"}
 _MASK_OPACITY = 0.4
@@ -78,16 +78,16 @@ def strip(failure: WrongFrame, width: float) -> Figure:
     curves = figure.add_subplot(grid[2])
     _draw_curves(curves, failure, colours)
     figure.suptitle(failure.title, fontsize=7, wrap=True)
-    handles = [*curves.get_lines(), *_marks()]
+    handles = [*curves.get_lines(), *_marks(failure.content.cones)]
     named = [handle for handle in handles if not str(handle.get_label()).startswith("_")]
     figure.legend(handles=named, loc="outside lower center", ncols=7 if wide else 3)
     return figure
 
 
-def _marks() -> list[Any]:
-    """What the legend says beside the targets."""
+def _marks(cues: Iterable[Cue]) -> list[Any]:
+    """What the legend says beside the targets; ``cues`` have cones."""
     boxes = ((RIGHT, "true target"), (OFF, "answer"))
-    cones = [Line2D([], [], color=colour, lw=0.8, label=f"cones of the {cue}") for cue, colour in CUES.items()]
+    cones = [Line2D([], [], color=CUES[cue], lw=0.8, label=f"cones of the {cue}") for cue in cues]
     return [*(Rectangle((0, 0), 1, 1, fill=False, ec=colour, lw=1.4, label=label) for colour, label in boxes), *cones]
 
 

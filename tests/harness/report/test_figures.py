@@ -337,8 +337,11 @@ def test_the_curves_of_probabilities_include_that_of_looking_at_nothing() -> Non
             targets=["red cup"],
         )
         with styled():
-            curves = strip(failure, 3.5).axes[-1].get_lines()
+            figure = strip(failure, 3.5)
+            curves = figure.axes[-1].get_lines()
         named = {str(each.get_label()): each.get_ydata() for each in curves}
+        words = {text.get_text() for text in figure.legends[0].get_texts()}
+        assert words == {*expected, "true target", "answer"}  # nothing here has cones
         found = {name: y for name, (y, *_) in named.items() if not name.startswith("_")}
         assert found == pytest.approx(expected)
 
