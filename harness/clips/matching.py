@@ -116,14 +116,16 @@ def _matched_depths_m(frame: StereoFrame) -> Float:
     factor = max(1, math.ceil(frame.rig.width_px / _WIDTH_PX))
     width = max(1, frame.rig.width_px // factor)
     searched = 16 * max(1, math.ceil(_SEARCHED * width / 16))
-    # OpenCV does not match the first columns, as many as it searches
+    first = math.floor((frame.rig.cx_px - frame.rig.cx_right_px) / factor)  # the disparity of infinity
+    # OpenCV does not match the columns at the edges, as many as it searches to either side
+    before, after = max(first + searched, 0), max(-first, 0)
     left, right = (
-        cv2.copyMakeBorder(_shrunk_gray(image, factor), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
+        cv2.copyMakeBorder(_shrunk_gray(image, factor), 0, 0, before, after, cv2.BORDER_REPLICATE)
         for image in (frame.left, frame.right)
         if image is not None
     )
     matcher = cv2.StereoSGBM.create(
-        minDisparity=0,
+        minDisparity=first,
         numDisparities=searched,
         blockSize=_BLOCK_PX,
         P1=8 * _BLOCK_PX**2,
@@ -134,8 +136,9 @@ def _matched_depths_m(frame: StereoFrame) -> Float:
         speckleWindowSize=60,
         speckleRange=2,
     )
-    disparity_px = matcher.compute(left, right)[:, searched:].astype(np.float64) / 16
-    known = (disparity_px > 0) & (disparity_px <= np.arange(width))
+    disparity_px = matcher.compute(left, right)[:, before : before + width].astype(np.float64) / 16
+    columns_right = np.arange(width) - disparity_px
+    known = (disparity_px > first) & (columns_right >= 0) & (columns_right <= width - 1)
     shifted_px = factor * disparity_px[known] + frame.rig.cx_right_px - frame.rig.cx_px
     return frame.rig.fx_px * frame.rig.baseline_m / shifted_px[shifted_px > 0]
 
