@@ -6,7 +6,7 @@ posterior/   the likelihood of the directions: their unknown error, how heads fo
 "Nowhere" is a hypothesis of its own: people who look at nothing look about where their head points, which is anywhere
 about where their body faces. A large target is not favoured: its density is spread over its visible part.
 
-A target that a frame misses is taken to be where it was, for as long as it keeps its number: a look at it goes on, and
+A target that up to five frames miss is taken to be where it was, under its number: a look at it goes on, and
 says nothing about the error of the directions. Until it is found again, its probability counts as that of nowhere.
 """
 

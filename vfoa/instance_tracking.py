@@ -7,6 +7,9 @@ the recording, its automatic name. So numbers are followed over the frames of a 
 
 A network also changes its mind: a cup is a bowl in some frames. An object has the label that it had most in the last
 frames, so that its name and its part in the scene do not come and go.
+
+Frames between key frames (:mod:`vfoa.segmentation.key_frames`) repeat what the key frame has found: they neither miss
+an object nor vote for its label.
 """
 
 from __future__ import annotations
@@ -31,14 +34,14 @@ VOTE_DECAY = 0.9
 MAJORITY = 2
 """Another label is taken over when it has so many times the votes of the present one: after up to eleven frames."""
 PATIENCE = 5
-"""Longest gap of an object, in frames: after it, its number is free."""
+"""Longest gap of an object, in segmented frames: after it, its number is free."""
 LONGER_SIDE = 480
 """Masks are compared at every nth pixel, so that the longer side of the image has about as many."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """An object that is followed: its label and name (None: the source knows none), and the frames missed since.
+    """An object that is followed: its label and name (None: the source knows none), and the segmented frames missed.
 
     ``kinds`` are its last instances by label, ``votes`` the scores of all under each label, the older the less.
     """
@@ -104,13 +107,26 @@ class InstanceTracker:
                 free.remove(number)
         numbers |= _new_numbers(followed.keys() - numbers.keys(), {*known, *numbers.values()})
         seen = {numbers[id_]: each for id_, each in followed.items()}
-        self._remember(known, seen, relabel(ids, numbers))
+        self._remember(known, seen, relabel(ids, numbers), is_segmented=instances.carried_from is None)
         return Numbered(_instances(instances, numbers, {number: self._known[number].kind for number in seen}), numbers)
 
-    def _remember(self, known: Mapping[int, _Known], seen: Mapping[int, Instance], numbers: NDArray[np.uint16]) -> None:
-        missed = {number: replace(each, missed=each.missed + 1) for number, each in known.items() if number not in seen}
+    def _remember(
+        self,
+        known: Mapping[int, _Known],
+        seen: Mapping[int, Instance],
+        numbers: NDArray[np.uint16],
+        *,
+        is_segmented: bool,
+    ) -> None:
+        missed = {
+            number: replace(each, missed=each.missed + is_segmented)
+            for number, each in known.items()
+            if number not in seen
+        }
         gone = {number: each for number, each in missed.items() if each.missed <= PATIENCE}
-        self._known = gone | {number: _seen_again(known.get(number), each) for number, each in seen.items()}
+        self._known = gone | {
+            number: _seen_again(known.get(number), each, is_segmented=is_segmented) for number, each in seen.items()
+        }
         self._missed = {
             number: self._missed[number] if number in self._missed else np.flatnonzero(self._last == number)
             for number in gone
@@ -118,10 +134,12 @@ class InstanceTracker:
         self._last = numbers
 
 
-def _seen_again(before: _Known | None, now: Instance) -> _Known:
+def _seen_again(before: _Known | None, now: Instance, *, is_segmented: bool) -> _Known:
     """The object with one more instance. A name of its own says what it is: its label is the last one."""
     if before is None or now.name or before.name:
         return _Known(now.label, now.name, {now.label: now}, {now.label: now.score})
+    if not is_segmented:
+        return replace(before, missed=0)
     votes = {label: VOTE_DECAY * vote for label, vote in before.votes.items()}
     votes[now.label] = votes.get(now.label, 0.0) + now.score
     wins = votes[now.label] > MAJORITY * votes[before.label]

@@ -124,7 +124,7 @@ def seconds_between(before_ns: int | None, now_ns: int | None) -> float:
 def frames_missed(before: Mapping[int, int], seen: Iterable[int]) -> dict[int, int]:
     """Return the frames since each target was seen, by instance id: of those seen now, then of those missed so far.
 
-    A target is remembered as long as it keeps its number.
+    A target is remembered for ``PATIENCE`` frames, in which it keeps its number.
     """
     now = dict.fromkeys(seen, 0)
     return now | {number: missed + 1 for number, missed in before.items() if number not in now and missed < PATIENCE}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -159,6 +160,27 @@ def test_an_object_may_be_missed_for_some_frames(gap: int, is_same: bool) -> Non
     there, gone = frame({2: (50, 20), 1: (150, 30)}), frame({1: (150, 30)})
     *_, last = numbers([there, *[gone] * gap, frame({7: (50, 20), 1: (150, 30)})])
     assert (last[7] == 2) == is_same
+
+
+def carried(instances: Instances, count: int) -> list[Instances]:
+    """A key frame and the frames that reuse its masks, the key frame included."""
+    return [instances, *[replace(instances, carried_from=1, carried_s=0.04)] * (count - 1)]
+
+
+@pytest.mark.parametrize("every", [2, 6, 30])
+@pytest.mark.parametrize(("gap", "is_same"), [(1, True), (PATIENCE, True), (PATIENCE + 1, False)])
+def test_only_frames_that_were_segmented_miss_an_object(every: int, gap: int, is_same: bool) -> None:
+    there, gone = frame({2: (50, 20), 1: (150, 30)}), frame({1: (150, 30)})
+    key_frames = [there, *[gone] * gap, frame({7: (50, 20), 1: (150, 30)})]
+    *_, last = numbers([each for key_frame in key_frames for each in carried(key_frame, every)])
+    assert (last[7] == 2) == is_same
+
+
+@pytest.mark.parametrize("every", [2, 12, 30])
+def test_a_wrong_label_that_frames_reuse_counts_once(every: int) -> None:
+    key_frames = [frame({1: (50, 20)}, {1: label}) for label in ("cup", "cup", "bowl", "cup")]
+    found = labels([each for key_frame in key_frames for each in carried(key_frame, every)])
+    assert found == [{1: "cup"}] * (4 * every)
 
 
 def test_an_object_that_something_else_covered_is_the_same() -> None:
