@@ -83,15 +83,14 @@ def _has_video(recording: Path, stamp: tuple[int, ...]) -> bool:
 def first_shapes(recording: Path) -> list[Float]:
     """Return the points (N, 3) of each instance at its first frame, camera frame, metres, for the first instances.
 
-    They are those of its cloud; in a recording without clouds, the corners of its box.
+    They are those of its cloud, if there is one, and the corners of its box.
     """
-    if clouds := _first_rows(recording, ("Points3D:positions",)):
-        return [points for (points,) in clouds]
+    clouds = [points for (points,) in _first_rows(recording, ("Points3D:positions",))]
     boxes = [
         Box3D(center_m=center, half_size_m=half_size, left_from_box=rotation_of(quaternion))
         for (center,), (half_size,), (quaternion,) in _first_rows(recording, _BOX)
     ]
-    return list(box_corners(boxes)) if boxes else []
+    return [*clouds, *(box_corners(boxes) if boxes else ())]
 
 
 _BOX = ("Boxes3D:centers", "Boxes3D:half_sizes", "Boxes3D:quaternions")

@@ -67,6 +67,14 @@ def test_a_scene_without_clouds_is_seen_by_its_boxes(frames, record_run):
     np.testing.assert_allclose(np.sort(found, axis=1), np.sort(box_corners(boxes), axis=1), atol=1e-6)
 
 
+def test_a_scene_with_clouds_is_seen_with_its_boxes(frames, record_run):
+    boxes = [target.box for target in frames[0].result.scene.targets if target.box is not None]
+    found = np.concatenate(first_shapes(record_run(frames[:2]).files.reconstruction(CONFIGURATION)))
+    for corner in np.concatenate(box_corners(boxes)):
+        assert np.abs(found - corner).max(axis=1).min() < 1e-6
+    assert len(found) > 8 * len(boxes)
+
+
 def test_plots_end_with_their_data_on_the_timelines_of_frames_and_of_times(frames, tmp_path):
     write_run(tmp_path / "run", {CONFIGURATION: frames})
     (composed,) = find_recordings(tmp_path / "run", None, None)
