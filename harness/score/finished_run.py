@@ -149,10 +149,15 @@ class FinishedRun:
         read = {clip.name: manifests[clip.name].labels(_timeline(clip), annotator) for clip in run.clips}
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
         without_labels = [manifests[name] for name in read if name not in labels]
+        conditions: list[Note] = []
         if where:
             frames = {clip.name: clip.frames for clip in run.clips}
             times_ns = {clip.name: clip.times_ns or () for clip in run.clips}
-            labels = subset(labels, where, frames, times_ns, self.columns)
+            whole, labels = labels, subset(labels, where, frames, times_ns, self.columns)
+            left = {name for name, of_clip in labels.items() if of_clip.are_scored}
+            emptied = (name for name, of_clip in whole.items() if of_clip.are_scored and name not in left)
+            conditions += [unlabelled(name, "no labelled frame meets the conditions, not scored.") for name in emptied]
+            conditions.append(Note(f"Only frames with {' and '.join(each.text for each in where)}."))
         of_clips = clips_by_line({clip.name: clip.notes for clip in run.clips})
         changed: list[str] = []
         for clip in run.clips:
@@ -175,7 +180,7 @@ class FinishedRun:
                 *map(Note, changed),
                 *_twice_notes(clip for clip in run.clips if clip.name in labels),
                 *self._unlabelled_notes(without_labels),
-                *([Note(f"Only frames with {' and '.join(each.text for each in where)}.")] if where else []),
+                *conditions,
             ),
             unknown_names={clip.name: _unknown_names(clip, manifests[clip.name]) for clip in run.clips},
             names_now=self._names_now(manifests),

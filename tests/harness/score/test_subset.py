@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from harness.files.io import atomic_write
+from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnail, lines_path, picture_path
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, Vector
@@ -147,6 +148,13 @@ def test_times_that_a_run_lacks_are_asked_for(run: Path) -> None:
     write_manifest(directory, manifest)
     with pytest.raises(VfoaError, match="--where: time: the run has no times of a"):
         read_scores(directory, [Condition.parse("time>1")])
+
+
+def test_a_clip_without_such_frames_is_not_called_unlabelled(run: Path) -> None:
+    scores = read_scores(RunDirectory(run), [Condition.parse("clip=a")])
+    texts = [note.text for note in remarks(scores)]
+    assert "b: no labelled frame meets the conditions, not scored." in texts
+    assert not [text for text in texts if "vfoa annotate" in text or (text.startswith("a:") and "not scored" in text)]
 
 
 def test_score_prints_the_subset_and_writes_nothing(
