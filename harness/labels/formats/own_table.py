@@ -7,8 +7,8 @@ one frame, which is that of the number ``frame``, or nearest to ``time_s``, ``ti
 several such rows, a frame takes the nearest. Nanoseconds are of the clip's own clock, if no offset is given.
 
 In place of ``subject`` and ``target`` there may be a column named after each subject, with the subject's targets; in
-place of ``target``, a column named after each target, with 1 where it is looked at and else 0, as in Tobii Pro Lab's
-data export (``AOI hit [Snapshot - cup]``).
+place of ``target``, a column named after each target, with 1 where it is looked at and else 0. What eye trackers export
+of areas of interest is made such a table first (:mod:`harness.labels.formats.eye_trackers`).
 """
 
 from __future__ import annotations
@@ -32,12 +32,10 @@ from harness.labels.formats.exchange import (
     rounded_ms,
     without,
 )
+from harness.labels.formats.eye_trackers import area_of, check_no_recording, of_eye_tracker, with_target
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
 from harness.labels.rows import check_ends, check_sequence, check_text
 from vfoa.errors import VfoaError, check_known, listed
-
-_SMI_START = "event_start_trial_time_ms"
-"""The time of an event since its trial began, in what BeGaze exports of eye trackers of SMI."""
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "subject": ("subject", "person", "who", "participant", "participant_name"),
@@ -52,8 +50,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     ),
     "end_s": ("end_s", "end", "end_time", "stop", "stop_time", "end_time_s", "end_sec", "offset", "offset_s"),
     "duration_s": ("duration_s", "duration", "duration_sec"),
-    "start_ms": ("start_ms", "start_time_ms", "begin_ms", "onset_ms", _SMI_START),
-    "end_ms": ("end_ms", "end_time_ms", "stop_ms", "offset_ms", "event_end_trial_time_ms"),
+    "start_ms": ("start_ms", "start_time_ms", "begin_ms", "onset_ms"),
+    "end_ms": ("end_ms", "end_time_ms", "stop_ms", "offset_ms"),
     "duration_ms": ("duration_ms",),
     "start_ns": ("start_ns", "start_timestamp_ns", "start_time_ns"),
     "end_ns": ("end_ns", "end_timestamp_ns", "end_time_ns"),
@@ -81,7 +79,8 @@ class OwnTable(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels. Without a column of subjects they are those of the clip's only one."""
-        rows = _of_recording(even_rows(path), exchange, path)
+        check_no_recording(path)
+        rows = _of_recording(of_eye_tracker(even_rows(path), path), exchange, path)
         return from_rows(_by_target(_by_subject(rows, exchange), exchange, path), exchange, path)
 
 
@@ -102,7 +101,7 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
             f"{', '.join(exchange.subjects) or 'none'}"
         )
     given = [_row(cells, columns, f"{path}:{line}") for line, cells in lines]
-    known = [row for row in given if row[1]["target"] == NOWHERE or not _is_blank(row[1]["target"])]
+    known = [row for row in given if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
     if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in _UNITS:
         _check_unit(known, place, exchange, path)
     if place[0] in ("start_ms", "time_ms"):
@@ -127,17 +126,7 @@ def even_rows(path: Path) -> Sequence[Row]:
     return rows
 
 
-_NO_AREA = "-"
-"""What BeGaze writes as the area of a saccade or blink."""
-
-
-def _is_blank(target: str) -> bool:
-    return is_missing(target) or target == _NO_AREA
-
-
 _RECORDING = ("recording_name", "recording_id")
-_SMI_RECORDING = "stimulus"
-"""The film or picture of a row, in a table with :data:`_SMI_START`."""
 
 
 def _of_recording(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[Row]:
@@ -150,8 +139,7 @@ def _of_recording(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequen
     """
     (line, header), *lines = rows
     plain = [plain_name(name) for name in header]
-    names = (*_RECORDING, _SMI_RECORDING) if _SMI_START in plain else _RECORDING
-    place = next((plain.index(name) for name in names if name in plain), None)
+    place = next((plain.index(name) for name in _RECORDING if name in plain), None)
     named = [] if place is None else [(cells[place], cells) for _, cells in lines if not is_missing(cells[place])]
     recordings = dict.fromkeys(name for name, _ in named)
     if exchange.observation is not None:
@@ -184,52 +172,16 @@ def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:
     ]
 
 
-_AOI_HIT = re.compile(r"AOI hit \[(?:.* - )?(.+)\]")
-"""A column of Tobii Pro Lab's data export: of a stimulus, such as a snapshot or a film, and an area of interest."""
-_SEEN, _NOT_SEEN = frozenset({"1", "1.0", "true"}), frozenset({"0", "0.0", "false"})
-_MOVEMENT, _FIXATION = "eye_movement_type", "fixation"
-"""Its column of what the eyes did: in no area, they look at nothing only in a fixation, not in a blink or a saccade."""
-
-
 def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[Row]:
     """Rows with a target each, of those with a column of 0 and 1 for each target; others as they are."""
-    (line, header), *lines = rows
+    header = rows[0][1]
     if "target" in {_column(name) for name in header}:
         return rows
     known = {*exchange.targets, *exchange.subjects}
-    names = [match[1] if (match := _AOI_HIT.fullmatch(name)) else name for name in header]
-    called = [
-        place for place, name in enumerate(names) if name != header[place] or exchange.names.translate(name) in known
-    ]
-    others = {place: found for place in called if (found := _other_cell(lines, place)) is not None}
-    targets = [place for place in called if place not in others]
-    if not targets:
-        return rows
-    for place, (number, cell) in others.items():
-        raise VfoaError(f"{path}:{number}: {header[place]}: found {cell[:40]!r}; expected 0, 1 or nothing")
-    movement = next((place for place, name in enumerate(header) if plain_name(name) == _MOVEMENT), None)
-    kept = [place for place in range(len(header)) if place not in (*targets, movement)]
-    table: list[Row] = [(line, [*(header[place] for place in kept), "target"])]
-    for number, cells in lines:
-        seen = _seen(names, cells, targets, f"{path}:{number}")
-        if seen == NOWHERE and movement is not None and cells[movement].lower() != _FIXATION:
-            seen = ""
-        table.append((number, [*(cells[place] for place in kept), seen]))
-    return table
-
-
-def _other_cell(lines: Sequence[Row], place: int) -> tuple[int, str] | None:
-    """Line and cell of the first row that does not say whether a target is looked at; None without one."""
-    cells = ((number, cells[place]) for number, cells in lines if not is_missing(cells[place]))
-    return next(((number, cell) for number, cell in cells if cell.lower() not in _SEEN | _NOT_SEEN), None)
-
-
-def _seen(names: Sequence[str], cells: Sequence[str], targets: Sequence[int], where: str) -> str:
-    """The only target with a 1; none where all have 0, and nothing where all are blank."""
-    seen = dict.fromkeys(names[place] for place in targets if cells[place].lower() in _SEEN)
-    if len(seen) > 1:
-        raise VfoaError(f"{where}: found 1 for {' and '.join(seen)}; expected one target")
-    return next(iter(seen), "" if all(is_missing(cells[place]) for place in targets) else NOWHERE)
+    areas = {place: area for place, name in enumerate(header) if (area := area_of(name))}
+    named = {place: name for place, name in enumerate(header) if exchange.names.translate(name) in known}
+    called = dict(sorted({**named, **areas}.items()))
+    return with_target(rows, called, path)
 
 
 _Row = tuple[str, Mapping[str, str]]

@@ -154,6 +154,39 @@ def test_eyes_in_no_area_look_at_nothing_only_in_a_fixation(tmp_path: Path) -> N
     assert not [note for note in notes if "not read" in note]
 
 
+EYELINK = (
+    "RECORDING_SESSION_LABEL\tTRIAL_INDEX\tCURRENT_FIX_START\tCURRENT_FIX_END\tCURRENT_FIX_INTEREST_AREA_LABEL\n"
+    "girl\t1\t0\t200\tbird\ngirl\t1\t200\t399\t.\n"
+)
+
+
+def test_fixations_of_eyelinks_data_viewer_are_read(tmp_path: Path) -> None:
+    """One in no area is a look at nothing; times count from the start of a trial."""
+    labels, _ = _read(tmp_path, EYELINK)
+    found = [(row.first_frame, row.last_frame, row.label.target) for row in labels.ranges]
+    assert found == [(1, 2, "bird"), (3, 4, "none")]
+    two = EYELINK + "girl\t2\t0\t200\tcup\n"
+    with pytest.raises(VfoaError, match=r"'1', '2', several of one person; expected --observation"):
+        _read(tmp_path, two)
+    labels, _ = _read(tmp_path, two, observation="2")
+    assert [(row.first_frame, row.last_frame, row.label.target) for row in labels.ranges] == [(1, 2, "cup")]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (EYELINK.replace("\tbird", "\t."), r"mine\.csv: no fixation is in an area"),
+        (EYELINK.replace("\tCURRENT_FIX_INTEREST_AREA_LABEL", "\tX"), r":1: no column CURRENT_FIX_INTEREST"),
+        ("RECORDING_SESSION_LABEL\tIA_LABEL\tIA_DWELL_TIME\ngirl\tbird\t400\n", r":1: IA_DWELL_TIME: .*Report"),
+        ("Participant\tAOI\tTotal_duration_of_fixations\ngirl\tbird\t400\n", r":1: Total_.*data export"),
+        ("** CONVERTED FROM a.edf\nMSG\t18 START\nEFIX R 1 2 1 9.0 9.0 1\n", r":1: .*of EyeLink .*Fixation Report"),
+    ],
+)  # fmt: skip
+def test_exports_without_looks_say_which_to_make(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(VfoaError, match=message):
+        _read(tmp_path, text)
+
+
 @pytest.mark.parametrize("column", ["cup", "AOI hit [S - cup]"])
 @pytest.mark.parametrize("cell", ["-1", "0.7", "x"])
 def test_a_column_of_a_target_with_something_else_is_refused(column: str, cell: str, tmp_path: Path) -> None:
