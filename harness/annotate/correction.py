@@ -24,7 +24,7 @@ from harness.annotate.actions import mark_range
 from harness.annotate.clip_stores import open_store
 from harness.clips.manifest import ClipManifest, manifest_of_run
 from harness.labels.labels import RESERVED, timeline_of
-from harness.report.write import rescore
+from harness.report.write import refresh
 from harness.run.directory import RunDirectory
 from harness.score.finished_run import FinishedRun
 from vfoa.errors import VfoaError, check_known
@@ -150,7 +150,7 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
         corrected = mark_range(store.track(correction.subject), first, last, correction.target)
         store.put(correction.subject, corrected)
         path = store.path
-    rescore(directory, directory.read_manifest().tables_annotator)
+    refresh(directory)
     return path
 
 

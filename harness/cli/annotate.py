@@ -56,13 +56,12 @@ def annotate(
 
 def _score_again(run: Path, annotator: str | None) -> None:
     """Score a run again with the changed labels, if it is scored against them."""
-    from harness.report.write import rescore
+    from harness.report.write import refresh
     from harness.run.directory import RunDirectory
 
     directory = RunDirectory(run)
-    manifest = directory.read_manifest()
-    if manifest.scored_annotator == annotator:
-        scores = rescore(directory, manifest.tables_annotator)
+    if directory.read_manifest().scored_annotator == annotator:
+        scores = refresh(directory)
         say(f"{run}: tables, page and recordings are updated")
         say_unknown_names(scores)
     else:

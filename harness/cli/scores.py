@@ -83,7 +83,7 @@ def report(
     With --where, the page of these frames: to the file of --page, or served.
     """
     from harness.files.io import atomic_write, check_new
-    from harness.report.write import report_page, rescore
+    from harness.report.write import refresh, report_page
     from harness.run.directory import RunDirectory
     from vfoa.errors import VfoaError
 
@@ -103,7 +103,7 @@ def report(
         atomic_write(page, report_page(directory, None, chosen, folder))
         say(f"Page: {page}")
     else:
-        rescore(directory, directory.read_manifest().tables_annotator)
+        refresh(directory)
         say(f"Page: {directory.path / 'report.html'}")
 
 

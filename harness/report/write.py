@@ -145,6 +145,11 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     return scores
 
 
+def refresh(directory: RunDirectory) -> Scores:
+    """Score a finished run again against the labels of its tables, which changed. Raises as :func:`rescore`."""
+    return rescore(directory, directory.read_manifest().tables_annotator)
+
+
 def report_page(
     directory: RunDirectory, recordings: Mapping[Pair, str] | None, where: str, run_folder: str = ""
 ) -> str:

@@ -16,7 +16,7 @@ from harness.labels.files import write_annotations
 from harness.labels.labels import NOWHERE, Label, Labels, timeline_of
 from harness.pipeline.cache_store import Store
 from harness.report.sinks import composed_sinks
-from harness.report.write import rescore
+from harness.report.write import refresh, rescore
 from harness.run.directory import RunDirectory, out_folder
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -186,7 +186,7 @@ def test_a_run_is_scored_against_the_annotator_that_is_named(finished: RunDirect
     assert "labels of 'anna'" in (copy.path / "frr.md").read_text()
     scores = rescore(copy, "ben")
     assert {verdict.truth for verdict in scores.verdicts} == {NOWHERE}
-    assert read_scores(copy).rows == scores.rows
+    assert read_scores(copy).rows == scores.rows == refresh(copy).rows
     loaded = load_run(copy.path)
     of_pair = loaded.frames.drop_duplicates(["clip", "configuration", "subject", "frame"]).groupby("configuration")
     right = {name: int((frames["outcome"] == "correct").sum()) for name, frames in of_pair}
