@@ -76,7 +76,8 @@ class Numbered:
 class InstanceTracker:
     """Follows the instances of one sequence, frame by frame.
 
-    In each frame, an instance is the object of its label whose last mask it overlaps most, the greatest overlap first.
+    In each frame, an instance is the object of its label whose last mask it overlaps most, the greatest overlap first,
+    but objects that were missed come last: something else may be in their place.
     One of a name of its own, such as a drawn shape, is the object of that name. What is left is the object whose mask
     it is, under whatever label, and gets the label that the object had most; one that is alone with its label, now and
     before, is the same wherever it is. A new one keeps the segmenter's id if that is free, and takes the smallest
@@ -150,8 +151,8 @@ def _pairs(
     known: Mapping[int, _Known],
     found: Mapping[int, Instance],
     overlaps: Mapping[tuple[int, int], float],
-) -> Iterator[tuple[int, float, int, int]]:
-    """The objects that instances may be, the likeliest first when sorted: (kind, less overlap, number, id)."""
+) -> Iterator[tuple[int, int, float, int, int]]:
+    """The objects that instances may be, the likeliest first when sorted: (kind, missed, less overlap, number, id)."""
     labels_known = Counter(each.label for each in known.values())
     labels_found = Counter(each.label for each in found.values())
     for number, before in known.items():
@@ -161,14 +162,14 @@ def _pairs(
             overlap = overlaps.get((number, id_), 0.0)
             if before.label != now.label:
                 if overlap >= SAME_UNDER_ANOTHER_LABEL and not (before.name or now.name):
-                    yield 2, -overlap, number, id_
+                    yield 2, before.missed, -overlap, number, id_
                 continue
             if before.name and before.name == now.name:
-                yield 0, -overlap, number, id_
+                yield 0, before.missed, -overlap, number, id_
             elif overlap >= SAME_OBJECT:
-                yield 1, -overlap, number, id_
+                yield 1, before.missed, -overlap, number, id_
             elif labels_known[now.label] == labels_found[now.label] == 1:
-                yield 3, -overlap, number, id_
+                yield 3, before.missed, -overlap, number, id_
 
 
 def _overlaps(last: NDArray[np.uint16], ids: NDArray[np.uint16]) -> dict[tuple[int, int], float]:

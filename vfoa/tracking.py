@@ -3,9 +3,12 @@
 People who were measured without an image have no head box: the source identifies them by the instance id.
 
 The IOU tracker (Bochinski, Eiselein and Sikora, AVSS 2017) with its parameters: detections below ``sigma_l`` are left
-out. Each track, oldest first, takes the free detection that overlaps its last box most, if the overlap is at least
-``sigma_iou``; otherwise it ends. The remaining detections start tracks. ``ttl`` lets a track outlive a gap, as the
-authors' V-IOU does, but without its visual tracker: the last box stays in place.
+out. Each track takes the free detection that overlaps its last box most, if the overlap is at least ``sigma_iou``;
+otherwise it ends. The remaining detections start tracks. ``ttl`` lets a track outlive a gap, as the authors' V-IOU
+does, but without its visual tracker: the last box stays in place.
+
+The authors let the oldest track choose first. Here tracks without a gap come first, and among them the greatest
+overlap: the track of a head that is hidden would otherwise take the head that hides it.
 
 The authors drop short and doubtful tracks (``sigma_h``, ``t_min``) at the end of a sequence. Attention is needed in
 every frame, so here a track is reported from its first frame on.
@@ -84,17 +87,24 @@ class Tracker:
     def step(self, people: tuple[Person, ...]) -> Tracked:
         """Follow the people of the next frame. People with a head below ``sigma_l`` are left out."""
         free = {place: person for place, person in enumerate(people) if _score(person) >= self._settings.sigma_l}
-        ids, tracks = dict[int, int](), list[Track]()
+        overlaps = sorted(
+            (track.missed, -overlap, track.id, place)
+            for track in self._open
+            for place, person in free.items()
+            if (overlap := track.overlap(person)) >= self._settings.sigma_iou
+        )
+        places = dict[int, int]()  # by track
+        for *_, track_id, place in overlaps:
+            if track_id not in places and place in free:
+                places[track_id] = place
+                del free[place]
 
-        for track in self._open:
-            overlaps = {place: track.overlap(person) for place, person in free.items()}
-            best = max(overlaps, key=lambda place: overlaps[place], default=-1)
-            if overlaps.get(best, 0.0) >= self._settings.sigma_iou:
-                ids[best] = track.id
-                tracks.append(track.followed(free.pop(best)))
-            elif track.missed < self._settings.ttl:
-                tracks.append(replace(track, missed=track.missed + 1))
-
+        tracks = [
+            track.followed(people[places[track.id]]) if track.id in places else replace(track, missed=track.missed + 1)
+            for track in self._open
+            if track.id in places or track.missed < self._settings.ttl
+        ]
+        ids = {place: track_id for track_id, place in places.items()}
         for new_id, (place, person) in enumerate(free.items(), start=self._begun + 1):
             ids[place] = new_id
             known = person.instance_id if person.head is None else None

@@ -162,6 +162,12 @@ def test_an_object_may_be_missed_for_some_frames(gap: int, is_same: bool) -> Non
     assert (last[7] == 2) == is_same
 
 
+def test_an_object_that_is_missed_takes_no_other_that_comes_to_its_place() -> None:
+    """One of two cups is pushed past the other, which is missed."""
+    frames = [frame({1: (50, 20), 2: (80, 20)}), *[frame({9: (80 - 6 * step, 20)}) for step in range(1, PATIENCE + 5)]]
+    assert [*numbers(frames)[1:]] == [{9: 2}] * (PATIENCE + 4)
+
+
 def carried(instances: Instances, count: int) -> list[Instances]:
     """A key frame and the frames that reuse its masks, the key frame included."""
     return [instances, *[replace(instances, carried_from=1, carried_s=0.04)] * (count - 1)]
