@@ -189,9 +189,9 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     scores, left_out = {}, []
     notices = deque[str](maxlen=1)
     with exit_if_interrupted(notices):
-        for name in MATERIALS:
+        for name, material in MATERIALS.items():
             try:
-                experiment, missing = material_experiment(name, changes)
+                experiment, missing = material_experiment(name, material, changes)
                 _, directory = run_whole(
                     experiment, out / name, bar=frames_bar, tell=notices.append, next_free=False, **options
                 )

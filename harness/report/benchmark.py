@@ -114,8 +114,10 @@ def changed_methods(overrides: Iterable[str]) -> Tables:
     return tables
 
 
-def material_experiment(name: str, changes: Tables | None = None) -> tuple[Experiment, list[str]]:
-    """Return the experiment of a material, and what is left out of it, a sentence each.
+def material_experiment(
+    name: str, material: BenchmarkMaterial, changes: Tables | None = None
+) -> tuple[Experiment, list[str]]:
+    """Return the experiment of a material, called by its name, and what is left out of it, a sentence each.
 
     Parameters
     ----------
@@ -127,7 +129,6 @@ def material_experiment(name: str, changes: Tables | None = None) -> tuple[Exper
     VfoaError
         If its clips are not here, or a setting is wrong.
     """
-    material = MATERIALS[name]
     if not is_experiment(material.experiment):
         raise VfoaError(f"no experiment {material.experiment!r} here")
     experiment = load_experiment(material.experiment, overrides=material.settings)

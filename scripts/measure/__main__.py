@@ -19,6 +19,7 @@ NAMES = (
     "posterior",
     "presets",
     "recording_size",
+    "settings_left_out",
     "small_faces",
     "turned_faces",
 )
