@@ -120,7 +120,7 @@ def _wide(layers: LayerNames, shown: ClipContent, subject: str | None, *, most: 
 def _column(layers: LayerNames, shown: ClipContent, subject: str | None) -> rrb.Vertical:
     """One configuration from top to bottom."""
     images = _images(layers, shown, subject)[:1]
-    below = rrb.Tabs(*_documents(layers)[:1], _plot(layers, subject, "total"), active_tab=0)
+    below = rrb.Tabs(*_documents(layers)[:1], _plot(layers, shown, subject, "total"), active_tab=0)
     parts: list[rrb.Container | rrb.View] = [
         *images,
         _world(layers, shown, subject),
@@ -202,9 +202,10 @@ def _plots(layers: LayerNames, subject: str | None, shown: ClipContent) -> rrb.T
         # the range holds on the timeline of times, too, where a last frame would be some nanoseconds
         room = rrb.TimeAxis(view_range=rr.TimeRange(start=left, end=rrb.TimeRangeBoundary.infinite()))
     if subject is None:
-        return _plot(layers, None, "total", room, legend=True)
+        return _plot(layers, shown, None, "total", room, legend=True)
     cues = [cue for cue in CUES if shown.has_curves(entities.curves(layers.configuration, subject, cue))]
-    return rrb.Tabs(*(_plot(layers, subject, value, room, legend=True) for value in ("total", *cues)), active_tab=0)
+    plots = [_plot(layers, shown, subject, value, room, legend=True) for value in ("total", *cues)]
+    return rrb.Tabs(*plots, active_tab=0)
 
 
 _LEGEND_SHARE = 0.22
@@ -212,16 +213,25 @@ _LEGEND_SHARE = 0.22
 
 
 def _plot(
-    layers: LayerNames, subject: str | None, value: str, room: rrb.TimeAxis | None = None, *, legend: bool = False
+    layers: LayerNames,
+    shown: ClipContent,
+    subject: str | None,
+    value: str,
+    room: rrb.TimeAxis | None = None,
+    *,
+    legend: bool = False,
 ) -> rrb.TimeSeriesView:
     # the vertical axis fits the data: who wins matters, and with narrow cones all values are small
-    corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
+    corner, contents = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend), ["$origin/**"]
     if subject is None:
+        # of each person the total alone: the parts of the cues have the same names and colours
         origin, name = f"{entities.ATTENTION}/{rr.escape_entity_path_part(layers.configuration)}", "Attention"
+        own = sorted(path for path in shown.curves if path.startswith(f"{origin}/"))
+        contents += [f"- {path}" for path in own if not entities.is_total(path)]
     else:
         origin = entities.curves(layers.configuration, subject, value)
         name = f"Attention of {subject}" if value == "total" else f"by {value}"
-    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=corner, axis_x=room)
+    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=corner, axis_x=room)
 
 
 def _states(layers: LayerNames, subject: str | None) -> rrb.StateTimelineView:

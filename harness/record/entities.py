@@ -9,6 +9,7 @@ below :data:`WORLD` in the 3D view, below :data:`CAMERA` also in the left image,
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Protocol
 
 import rerun as rr
@@ -105,6 +106,11 @@ def curves(configuration: str, subject: str, value: str, *target: str) -> str:
     With a target, the curve for a name that is not in the manifest.
     """
     return _join(ATTENTION, configuration, subject, value, *target)
+
+
+def is_total(curve: str) -> bool:
+    """Whether the path of a curve is that of a total, not of the part of a cue."""
+    return re.split(r"(?<!\\)/", curve)[4:5] == ["total"]
 
 
 # The layer of the verdicts

@@ -61,6 +61,11 @@ class FrameLog:
         """The paths of all rows that are not sent yet."""
         return {path for path, _ in self._waiting}
 
+    @property
+    def kept(self) -> set[str]:
+        """The paths of all entities with something that outlives its frame, such as a style."""
+        return set(self._kept)
+
     def begin(self, frame: int, time_ns: int) -> bool:
         """Set the frame number and time of the following entities; False if the frame is already logged."""
         if self._logged_to is not None and frame <= self._logged_to:

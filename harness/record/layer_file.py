@@ -89,6 +89,10 @@ class LayerFile:
         self.stream.send_recording_name(self._files.clip)
         self.stream.log(entities.WORLD, rr.ViewCoordinates.RDF, static=True)
 
+    def lay_out(self, layout: rrb.Blueprint) -> None:
+        """Give the complete file another layout: more is known of its content than when it was opened."""
+        self._layout = layout
+
     def part(self, name: str) -> FrameLog:
         """A part of the file that is logged frame by frame, independently of the other parts."""
         if name not in self._logs:

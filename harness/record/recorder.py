@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from types import TracebackType
 from typing import NamedTuple, Self
 
@@ -148,6 +148,9 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._layer.is_open:
+            curves = {path for path in self._layer.part("attention").kept if path.startswith(f"{entities.ATTENTION}/")}
+            self._layer.lay_out(file_layout(self.layers, replace(self._shown, curves=frozenset(curves))))
         self._layer.close(complete=error is None)
 
     def write(self, frame: FinishedFrame) -> None:
@@ -175,12 +178,12 @@ class Recorder:
         if self._layer.is_open:
             return
         camera = first.camera
-        shown = ClipContent(
+        self._shown = ClipContent(
             has_images=camera is not None,
             has_right=camera is not None and camera.has_right,
             has_measured_depth=camera is not None and camera.has_depth,
             eye=eye_of_scene(first.result.scene),
             per_second=self.per_second,
         )
-        self._layer.open(file_layout(self.layers, shown))
+        self._layer.open(file_layout(self.layers, self._shown))
         self._layer.stream.log(entities.GUIDE, guide(), static=True)

@@ -24,7 +24,7 @@ from harness.record.composed import Composed, find_clips, find_recordings
 from harness.record.excerpt import write_excerpt
 from harness.record.reading import RecordingFile, first_shapes
 from harness.record.viewer import screenshot
-from tests.harness.record.conftest import ANN, CONFIGURATION, write_run
+from tests.harness.record.conftest import ANN, CONFIGURATION, Columns, write_run
 from vfoa.errors import VfoaError
 from vfoa.geometry import box_corners
 
@@ -109,6 +109,22 @@ def test_there_is_a_plot_for_each_cue_that_was_measured(frames, tmp_path):
     assert plots(tmp_path / "both", frames) == {"total", "gaze", "head"}
     assert frames[1].record.subjects[0].gaze is None
     assert plots(tmp_path / "head", frames[1:3]) == {"total", "head"}
+
+
+def test_the_plot_of_all_people_has_totals_alone(frames, tmp_path):
+    """The parts of the cues have the same names and colours."""
+    write_run(tmp_path / "run", {CONFIGURATION: frames})
+    (clip,) = find_clips(tmp_path / "run", None, None)
+    composed = replace(clip, subjects=()).compose().files_to_open(tmp_path)[0]
+    curves = {path for path in Columns(clip.files.attention(CONFIGURATION)).paths if path.startswith("/attention/")}
+    parts = {path for path in curves if "/gaze" in path or "/head" in path}
+    assert (len(curves), len(parts)) == (6, 4)  # each of the names of the manifest, and of another name
+    for layout in (composed, clip.files.attention(CONFIGURATION)):
+        reader = RrdReader(layout)
+        chunks = reader.stream(store=reader.blueprints()[0]).filter(components="ViewContents:query")
+        queries = [chunk.to_record_batch().column("ViewContents:query")[0].as_py() for chunk in chunks]
+        (hidden,) = [query[1:] for query in queries if query[0] == "$origin/**" and query[1:]]
+        assert {*hidden} == {f"- {path}" for path in parts}
 
 
 needs_vulkan = pytest.mark.skipif(
