@@ -365,8 +365,10 @@ def is_setting(table: str, key: str) -> bool:
     return table in STEPS and key in STEPS[table].model_fields
 
 
-def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> None:
-    """Reject a default that no configuration has ``used``, as (table, key): it is probably misspelt.
+def check_all_used(
+    defaults: Tables, used: set[tuple[str, str]], configurations: Iterable[Configuration], where: str
+) -> None:
+    """Reject a default that none of the configurations has ``used``, as (table, key): it is probably misspelt.
 
     Raises
     ------
@@ -379,7 +381,9 @@ def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> 
         for key in settings:
             if (table, key) not in used:
                 gone = removed((table, key), settings[key])
-                problem = gone or f"no configuration's {table} has such a setting"
+                chosen = [each.choices[table] for each in configurations if table in STAGES]
+                known = {name for choice in chosen if choice for name in type(choice.settings).model_fields}
+                problem = gone or f"no configuration's {table} has such a setting; {did_you_mean(key, known)}"
                 raise VfoaError(f"{where}: defaults.{table}.{key}: {problem}")
 
 

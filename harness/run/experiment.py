@@ -276,7 +276,7 @@ def _configurations(
         taken = [(key, value) for key, value in changes if each.variant.name not in partly.get(key, ())]
         used.update(each.used_defaults(), each.used_defaults(taken))  # a stage that a change exchanges has used its own
         made.append(each.configuration(taken))
-    check_all_used(file.defaults, used, where)
+    check_all_used(file.defaults, used, made, where)
     return tuple(made), [
         Note(f"{key} is not set in {', '.join(names)}: no such setting there.", NoteKind.PARTLY_SET)
         for key, names in partly.items()

@@ -125,7 +125,7 @@ def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:
         (HEAD + "[grid]\n'attention.n_rays' = 4\n", r"grid\.attention\.n_rays: expected a list"),
         (HEAD + "[grid]\nattention.n_rays = 4\n", r"grid\.attention\.n_rays: expected a list"),
         (HEAD + "[grid.attention]\nn_rays = [4]\none = { n_rays = 4 }\n", "attention: .*both, .*'n_rays' and 'one'"),
-        (HEAD.replace("min_depth_m", "min_depth"), r"defaults\.stereo\.min_depth: "),
+        (HEAD.replace("min_depth_m", "min_depth"), r"defaults\.stereo\.min_depth: .*did you mean 'min_depth_m'"),
         (HEAD.replace('clips = ["one", "two"]', ""), r"clips: .*found none"),
         (HEAD.replace("clips", "clip"), r"'clip'.*'clips'"),
         (HEAD + "[[configuration]]\nstereo.matcher = 'bm'\n", r"number 1: expected a name"),
