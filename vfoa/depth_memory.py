@@ -1,18 +1,38 @@
-"""Where an object is while a frame shows it and measures no depth: where its last depth puts it.
+"""Where an object or a pair of eyes is while a frame shows it and measures no depth: where its last depth puts it.
 
-A matcher finds little on a smooth surface, so that a plain cup or a phone has a cloud in one frame and none in the
-next. Without a box nobody could look at it. Its mask says in which direction it is, and its distance hardly changes
-within a few frames.
+A matcher finds little on a smooth surface, so that a plain cup, or a head before a plain wall, has a depth in one frame
+and none in the next. Nobody could look at the cup, and nothing could be said of the person. The image shows in which
+direction it is, and its distance hardly changes within a few frames.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from vfoa.instance_tracking import PATIENCE
-from vfoa.types import StereoRig, Target
+from vfoa.types import Float, Person, StereoRig, Target
+
+_Measured = TypeVar("_Measured")
+
+
+class _LastMeasured(Generic[_Measured]):
+    """What was measured last, by number, and the frames since then."""
+
+    def __init__(self) -> None:
+        self._measured: dict[int, _Measured] = {}
+        self._ages: dict[int, int] = {}
+
+    def step(self, measured: Mapping[int, _Measured]) -> Mapping[int, _Measured]:
+        """Return what was last measured within ``PATIENCE`` frames of those who are not measured in this one."""
+        self._ages = {id_: age + 1 for id_, age in self._ages.items() if id_ not in measured and age < PATIENCE}
+        last = {id_: self._measured[id_] for id_ in self._ages}
+        self._ages |= dict.fromkeys(measured, 0)
+        self._measured = {**last, **measured}
+        return last
 
 
 class DepthMemory:
@@ -23,20 +43,37 @@ class DepthMemory:
     """
 
     def __init__(self) -> None:
-        self._measured: dict[int, Target] = {}
-        self._ages: dict[int, int] = {}  # frames since then
+        self._last = _LastMeasured[Target]()
 
     def step(self, targets: tuple[Target, ...], rig: StereoRig) -> tuple[Target, ...]:
         """Return the targets of the next frame, those without a box at their last depth; the same if all have one."""
-        measured = {target.instance.id: target for target in targets if target.box is not None}
-        ages = {id_: age + 1 for id_, age in self._ages.items() if id_ not in measured and age < PATIENCE}
-        self._measured = {id_: self._measured[id_] for id_ in ages} | measured
-        self._ages = ages | dict.fromkeys(measured, 0)
-        if all(target.instance.id in measured or target.instance.id not in ages for target in targets):
+        last = self._last.step({target.instance.id: target for target in targets if target.box is not None})
+        if not any(target.instance.id in last for target in targets):
             return targets
         return tuple(
-            _moved(self._measured[target.instance.id], target, rig) if target.instance.id in ages else target
+            _moved(last[target.instance.id], target, rig) if target.instance.id in last else target
             for target in targets
+        )
+
+
+class EyeMemory:
+    """The last measured eye origin of each track of one sequence, frame by frame; for as long as that of a target."""
+
+    def __init__(self) -> None:
+        self._last = _LastMeasured[Person]()
+
+    def step(self, people: tuple[Person, ...], tracks: Sequence[int | None], rig: StereoRig) -> tuple[Person, ...]:
+        """Return the people of the next frame, those without an eye origin at their last depth.
+
+        ``tracks`` are their tracks, in their order (None: not followed). The same people if all have an origin.
+        """
+        known = {track: person for track, person in zip(tracks, people, strict=True) if track is not None}
+        last = self._last.step({track: each for track, each in known.items() if each.eye_origin_left is not None})
+        if not any(track in last for track in known):
+            return people
+        return tuple(
+            _seen_again(last[track], person, rig) if track is not None and track in last else person
+            for track, person in zip(tracks, people, strict=True)
         )
 
 
@@ -44,8 +81,21 @@ def _moved(measured: Target, now: Target, rig: StereoRig) -> Target:
     """The target with the cloud and box that were measured, moved sideways as the middle of its mask."""
     if measured.box is None or measured.box_px is None or now.box_px is None:
         return now
-    right_px, down_px = ((now.box_px - measured.box_px).reshape(2, 2).mean(axis=0)).tolist()
-    depth_m = float(measured.box.center_m[2])
-    shift_m = np.array([right_px * depth_m / rig.fx_px, down_px * depth_m / rig.fy_px, 0.0])
+    shift_m = _shift_m(measured.box_px, now.box_px, float(measured.box.center_m[2]), rig)
     box = replace(measured.box, center_m=measured.box.center_m + shift_m)
     return replace(now, points_left=(measured.points_left + shift_m).astype(np.float32), box=box)
+
+
+def _seen_again(measured: Person, now: Person, rig: StereoRig) -> Person:
+    """The person with the eye origin that was measured, moved sideways as the middle of the head's box."""
+    if measured.eye_origin_left is None or measured.head is None or now.head is None:
+        return now
+    depth_m = float(measured.eye_origin_left[2])
+    shift_m = _shift_m(measured.head.box_px, now.head.box_px, depth_m, rig)
+    return replace(now, eye_origin_left=measured.eye_origin_left + shift_m)
+
+
+def _shift_m(before_px: Float, now_px: Float, depth_m: float, rig: StereoRig) -> Float:
+    """How far (3,) the middle of a box (4,) has moved, at a depth."""
+    right_px, down_px = (now_px - before_px).reshape(2, 2).mean(axis=0).tolist()
+    return np.array([right_px * depth_m / rig.fx_px, down_px * depth_m / rig.fy_px, 0.0])

@@ -14,7 +14,7 @@ import vfoa.heads
 import vfoa.segmentation
 import vfoa.stereo
 from vfoa.config import METHOD_OF_CLIP, STEPS, check_immediate, dotted_tables, is_in_region, read_steps
-from vfoa.depth_memory import DepthMemory
+from vfoa.depth_memory import DepthMemory, EyeMemory
 from vfoa.divided_people import join_people
 from vfoa.errors import VfoaError
 from vfoa.estimate import Estimate
@@ -162,7 +162,7 @@ class Follower:
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
         self._tracker, self._attending = Tracker(estimator.attend.tracking), Attending(estimator.attend)
-        self._instances, self._depths = InstanceTracker(), DepthMemory()
+        self._instances, self._depths, self._eyes = InstanceTracker(), DepthMemory(), EyeMemory()
         self._frames = 0
         self._time_ns: int | None = None
         self._stages, every = estimator.stages, estimator.key_frames.every
@@ -198,8 +198,10 @@ class Follower:
         percepts = join_people(perceive(frame, self._stages), estimator.reconstruction.person)
         percepts = self._instances.step(percepts.instances).renumber(percepts)
         scene = reconstruct(percepts, estimator.reconstruction)
-        scene = replace(scene, targets=self._depths.step(scene.targets, self._rig))
-        (result,) = self._attending.step(scene, self._tracker.step(scene.people))
+        tracked = self._tracker.step(scene.people)
+        targets = self._depths.step(scene.targets, self._rig)
+        people = self._eyes.step(scene.people, tracked.ids, self._rig)
+        (result,) = self._attending.step(replace(scene, targets=targets, people=people), tracked)
         self._frames, self._time_ns = self._frames + 1, now_ns
         return Estimate(percepts=percepts, result=result)
 

@@ -5,8 +5,8 @@ perceive     images -> percepts: disparity, instances, heads, head poses, gazes.
 reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
 follow       heads -> tracks: :class:`vfoa.tracking.Tracker`; instances -> the same ones under lasting numbers:
              :class:`vfoa.instance_tracking.InstanceTracker`. Ordered, with a memory. The parts of a divided person
-             are joined before (:func:`vfoa.divided_people.join_people`), and objects that a frame shows without a
-             depth have their last one (:class:`vfoa.depth_memory.DepthMemory`).
+             are joined before (:func:`vfoa.divided_people.join_people`), and objects and eyes that a frame shows
+             without a depth have their last one (:mod:`vfoa.depth_memory`).
 attend       scenes and tracks -> results: filtered cues, attention by a method. Ordered, with a memory, and cheap.
 
 The first two run out of order and in parallel; configurations that differ in attention repeat only the last.

@@ -421,7 +421,7 @@ class Person:
 class Scene:
     """One frame in metres: the targets and the people.
 
-    Of other frames it has only the last depth of targets without one (:mod:`vfoa.depth_memory`).
+    Of other frames it has only the last depth of targets and eyes without one (:mod:`vfoa.depth_memory`).
 
     It comes from :func:`vfoa.pipeline.reconstruct`, or from a clip that holds measurements instead of images.
     ``masks_from`` is the number of the key frame whose masks were carried to this frame, and ``masks_age_s`` the

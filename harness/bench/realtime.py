@@ -17,7 +17,7 @@ from harness.pipeline.prefetch import prefetch
 from harness.report.formats import UNKNOWN, Table
 from harness.run.executors import compute_with
 from harness.run.experiment import load_experiment
-from vfoa.depth_memory import DepthMemory
+from vfoa.depth_memory import DepthMemory, EyeMemory
 from vfoa.divided_people import join_people
 from vfoa.errors import VfoaError
 from vfoa.instance_tracking import InstanceTracker
@@ -205,13 +205,14 @@ def _measure(row: SpeedRow, manifest: ClipManifest, configuration: Configuration
 def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Float:
     """The time and the CPU time at the end of each frame, seconds (2, n)."""
     tracker, attending = Tracker(configuration.attend.tracking), Attending(configuration.attend)
-    instances, depths, ends = InstanceTracker(), DepthMemory(), []
+    instances, depths, eyes, ends = InstanceTracker(), DepthMemory(), EyeMemory(), []
     for frame in perceived:
         found = join_people(frame, configuration.reconstruction.person)
         percepts = instances.step(found.instances).renumber(found)
         scene = reconstruct(percepts, configuration.reconstruction)
-        scene = replace(scene, targets=depths.step(scene.targets, percepts.rig))
-        attending.step(scene, tracker.step(scene.people))
+        tracked = tracker.step(scene.people)
+        targets, people = depths.step(scene.targets, frame.rig), eyes.step(scene.people, tracked.ids, frame.rig)
+        attending.step(replace(scene, targets=targets, people=people), tracked)
         ends.append((time.perf_counter(), time.process_time()))
     return np.transpose(ends)
 

@@ -29,7 +29,7 @@ from harness.pipeline.prefetch import prefetch
 from harness.pipeline.stage_files.answers import FileAnswers
 from harness.pipeline.stage_runner import Memo, StageRunner, Timings, guarded, timed
 from harness.sources import Clip, MeasuredClip, PersonTruth
-from vfoa.depth_memory import DepthMemory
+from vfoa.depth_memory import DepthMemory, EyeMemory
 from vfoa.divided_people import join_people
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
@@ -142,6 +142,7 @@ class Perception:
         self._group_of: dict[str, _Group] = {}
         self._instances: dict[tuple[object, ...], InstanceTracker] = {}
         self._depths: dict[tuple[object, ...], DepthMemory] = {}
+        self._eyes = {configuration.name: EyeMemory() for configuration in configurations}
         self._trackers: dict[tuple[object, ...], Tracker] = {}
         self._namers: dict[tuple[object, ...], Namer] = {}
         self._windows: dict[tuple[object, ...], HeadWindow] = {}
@@ -252,11 +253,12 @@ class Perception:
                 scene = memo.call(*place, place_people, percepts, targets, settings)
                 tracked, seconds = tracks[group.trackers[name]]
                 memo.charge("tracking", seconds)
+                people = self._eyes[name].step(scene.people, tracked.ids, percepts.rig)
                 if (namer := group.namers[name]) not in named:
                     named[namer] = _following(namer.step, scene, tracked)
                 names, seconds = named[namer]
                 memo.charge("tracking", seconds)
-                scene = replace(scene, names=names.targets)
+                scene = replace(scene, people=people, names=names.targets)
                 if answers := self._answers.get(name):
                     scene, tracked, names = answers.complete(scene, tracked, names, percepts.instances.ids)
                 results[name] = FollowedFrame(percepts, scene, tracked, names, memo.timings)

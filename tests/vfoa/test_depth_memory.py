@@ -1,4 +1,4 @@
-"""An object that is seen without a depth is where its last depth puts it, for a few frames."""
+"""Objects and eyes that are seen without a depth are where their last depth puts them, for a few frames."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from harness.pipeline.ground_truth import TruthMatcher
 from harness.pipeline.perception import FollowedFrame, Perception
 from harness.run.experiment import load_experiment
 from tests.disk import write_text
-from tests.scenes import make_box, make_rig, rendered_boxes
-from tests.true_stages import NEAR, true_percepts, true_stages
-from vfoa.depth_memory import DepthMemory
+from tests.scenes import make_box, make_person, make_rig, rendered_boxes
+from tests.true_stages import FAR, NEAR, true_percepts, true_stages
+from vfoa.depth_memory import DepthMemory, EyeMemory
 from vfoa.instance_tracking import PATIENCE
 from vfoa.reconstruction import ReconstructionSettings, place_targets
-from vfoa.types import Disparity, Percepts, StereoFrame, Target
+from vfoa.types import Disparity, Percepts, Person, StereoFrame, Target
 
 RIG = make_rig(320, 200, fx_px=260)
 BLACK = np.zeros((240, 400, 3), np.uint8)
@@ -104,6 +104,46 @@ def test_what_never_had_a_depth_has_none_and_what_has_one_stays() -> None:
     assert memory.step(seen, RIG) is seen
 
 
+HEAD_PX = (100.0, 40.0, 130.0, 80.0)
+
+
+def person(origin: tuple[float, float, float] | None, by_px: float = 0.0) -> Person:
+    u0, v0, u1, v1 = HEAD_PX
+    eyes = None if origin is None else np.array(origin)
+    return replace(make_person((u0 + by_px, v0, u1 + by_px, v1)), eye_origin_left=eyes)
+
+
+def test_eyes_without_a_depth_are_where_their_last_depth_puts_them() -> None:
+    memory = EyeMemory()
+    both = person((-0.2, -0.3, 2.0)), person((0.5, -0.3, 3.0))
+    assert memory.step(both, (1, 2), RIG) is both
+    blind = person(None, by_px=13.0), both[1], person(None)
+    moved, other, new = memory.step(blind, (1, 2, 3), RIG)
+    np.testing.assert_allclose(moved.eye_origin_left, [-0.2 + 13 * 2.0 / 260, -0.3, 2.0])
+    assert (other, new.eye_origin_left) == (both[1], None)
+    found = [memory.step((person(None),), (1,), RIG)[0].eye_origin_left for _ in range(PATIENCE)]
+    assert [origin is not None for origin in found] == [True] * (PATIENCE - 1) + [False]
+
+
+def test_eyes_are_those_of_the_track_and_not_of_the_place() -> None:
+    memory, blind = EyeMemory(), (person(None),)
+    memory.step((person((-0.2, -0.3, 2.0)),), (1,), RIG)
+    assert memory.step(blind, (2,), RIG) is blind
+    assert memory.step(blind, (None,), RIG) is blind
+
+
+def test_a_person_whose_head_has_no_depth_is_answered() -> None:
+    percepts = true_percepts()
+    follower = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=ReconstructionSettings(eyes="patch")).follow(
+        percepts.rig
+    )
+    (before,) = follower.step(BLACK, BLACK).looks
+    follower._stages = true_stages(replace(percepts, disparity=of_ids(percepts, (NEAR, FAR))), NEAR)
+    (after,) = follower.step(BLACK, BLACK).looks
+    assert (after.target, after.missing) == (before.target, None)
+    np.testing.assert_allclose(after.distance_m, before.distance_m)
+
+
 def test_a_look_at_it_goes_on() -> None:
     percepts = true_percepts()
     follower = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=ReconstructionSettings(eyes="patch")).follow(
@@ -137,5 +177,6 @@ def test_in_a_run_each_object_has_a_box_when_the_matcher_finds_nothing(
             followed = frame.by_configuration[name]
             assert isinstance(followed, FollowedFrame)
             boxes.append({target.instance.id for target in followed.scene.targets if target.box})
+            assert all(person.eye_origin_left is not None for person in followed.scene.people)
         assert boxes[1] == boxes[0] != set()
         assert len(boxes[2]) >= len(boxes[1])
