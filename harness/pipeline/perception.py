@@ -99,8 +99,25 @@ class _Group:
 
 _Tracks = Mapping[Tracker, tuple[Tracked, float]]
 """The tracks of a frame, and the seconds that following took."""
-_Perceived = tuple[StereoFrame, float, Mapping[_Group, tuple[Percepts, Timings]], _Tracks]
-"""A frame, the seconds that reading it took, its percepts, without the gazes of a temporal model, and its tracks."""
+
+
+class _GroupPercepts(NamedTuple):
+    """The percepts of a frame, without the gazes of a temporal model, with divided people joined; and their timings.
+
+    ``places`` are those of the views among the heads that were found and followed, which the masks of parts gave, too.
+    """
+
+    percepts: Percepts
+    places: tuple[int, ...]
+    timings: Timings
+
+    def of_people(self, values: tuple[_Followed, ...]) -> tuple[_Followed, ...]:
+        """Those of the values of all heads that belong to the views."""
+        return values if len(values) == len(self.places) else tuple(values[place] for place in self.places)
+
+
+_Perceived = tuple[StereoFrame, float, Mapping[_Group, _GroupPercepts], _Tracks]
+"""A frame, the seconds that reading it took, its percepts, and its tracks."""
 
 
 class Perception:
@@ -187,7 +204,7 @@ class Perception:
         return tuple(runner.stored.take() for runner in self._stages.values() if runner.stored)
 
     def _perceive(self, frame: StereoFrame, decode_s: float) -> _Perceived:
-        perceived: dict[_Group, tuple[Percepts, Timings]] = {}
+        perceived: dict[_Group, _GroupPercepts] = {}
         numbered: dict[InstanceTracker, tuple[Numbered, float]] = {}
         tracks: dict[Tracker, tuple[Tracked, float]] = {}
         fed: set[HeadWindow] = set()
@@ -197,22 +214,23 @@ class Perception:
             if names:
                 with self._isolated(names, frame.index):
                     self._memo.timings = {}
-                    percepts = perceive(frame, group.stages, executor=self._heads_thread)
-                    percepts = self._memo.call("tracking", guarded, "tracking", join_people, percepts, group.person)
+                    found = perceive(frame, group.stages, executor=self._heads_thread)
+                    percepts = self._memo.call("tracking", guarded, "tracking", join_people, found, group.person)
+                    people = set(map(id, percepts.views))
+                    places = tuple(place for place, view in enumerate(found.views) if id(view) in people)
                     if group.instances not in numbered:
                         numbered[group.instances] = _following(
                             guarded, "tracking", group.instances.step, percepts.instances
                         )
                     instances, seconds = numbered[group.instances]
                     self._memo.charge("tracking", seconds)
-                    percepts = instances.renumber(percepts)
-                    perceived[group] = percepts, self._memo.timings
+                    perceived[group] = _GroupPercepts(instances.renumber(percepts), places, self._memo.timings)
                     for name in names:
                         tracker, window = group.trackers[name], group.windows.get(name)
                         if tracker not in tracks:
-                            tracks[tracker] = _following(_tracked, percepts, tracker)
+                            tracks[tracker] = _following(_tracked, found, tracker)
                         if window and window not in fed:
-                            window.add(percepts, tracks[tracker][0].ids)
+                            window.add(found, tracks[tracker][0].ids)
                             fed.add(window)
         return frame, decode_s, perceived, tracks
 
@@ -220,7 +238,7 @@ class Perception:
         self,
         frame: StereoFrame,
         decode_s: float,
-        perceived: Mapping[_Group, tuple[Percepts, Timings]],
+        perceived: Mapping[_Group, _GroupPercepts],
         tracks: _Tracks,
     ) -> SharedFrame:
         """Place the objects and people in space and name them, for every configuration that has not failed."""
@@ -235,14 +253,14 @@ class Perception:
                 continue
             with self._isolated([name], frame.index):
                 group = self._group_of[name]
-                percepts, timings = perceived[group]
-                memo.timings = {"decode": decode_s, **timings}
+                percepts, of_people = perceived[group].percepts, perceived[group].of_people
+                memo.timings = {"decode": decode_s, **perceived[group].timings}
                 if window := group.windows.get(name):
                     if window not in gazes:
                         self._memo.timings = {}
                         gazes[window] = window.gazes(frame.index), self._memo.timings.get("gaze", 0.0)
                     memo.charge("gaze", gazes[window][1])
-                    percepts = memo.call("gaze", with_gazes, percepts, gazes[window][0])
+                    percepts = memo.call("gaze", with_gazes, percepts, of_people(gazes[window][0]))
                 seen, settings = (percepts.disparity, percepts.instances, percepts.rig), configuration.reconstruction
                 place = ("reconstruction", guarded, "reconstruction")
                 targets = memo.call(*place, place_targets, *seen, settings)
@@ -253,6 +271,8 @@ class Perception:
                 scene = memo.call(*place, place_people, percepts, targets, settings)
                 tracked, seconds = tracks[group.trackers[name]]
                 memo.charge("tracking", seconds)
+                if (ids := of_people(tracked.ids)) is not tracked.ids:
+                    tracked = replace(tracked, ids=ids)
                 people = self._eyes[name].step(scene.people, tracked.ids, percepts.rig)
                 if (namer := group.namers[name]) not in named:
                     named[namer] = _following(namer.step, scene, tracked)
@@ -298,13 +318,13 @@ class Perception:
             region_matcher=chosen["stereo"] if configuration.is_in_region else None,
             drawing=drawing,
         )
-        # people, objects and crops depend on nothing else: configurations that agree on this have the same ones
-        found = (keys["stereo"], keys["segmentation"], keys["heads"], drawn, configuration.reconstruction.person)
-        seen = (*found, configuration.attend.tracking)
-        with_gaze, with_depth = (*seen, keys["gaze"]), (*seen, configuration.reconstruction)
+        # heads and crops depend on nothing else, so configurations that agree on this have the same tracks and gazes
+        seen = (keys["segmentation"], keys["heads"], drawn, configuration.attend.tracking)
+        with_gaze, with_depth = (*seen, keys["gaze"]), (*seen, keys["stereo"], configuration.reconstruction)
         if temporal and with_gaze not in self._windows:
             self._windows[with_gaze] = HeadWindow(gaze, self._clip.rate_hz, number_step(self._clip))
         person = configuration.reconstruction.person
+        found = (keys["stereo"], keys["segmentation"], keys["heads"], drawn, person)  # people are joined by depth
         instances = self._instances.setdefault(found, InstanceTracker())
         group = self._groups.setdefault((*keys.values(), drawn, person), _Group(stages, person, instances))
         name = configuration.name

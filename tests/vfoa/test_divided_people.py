@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from harness.clips.manifest import load_manifest
 from harness.pipeline.ground_truth import TruthSegmenter
 from harness.pipeline.perception import FollowedFrame, Perception
 from harness.run.experiment import load_experiment
+from tests.disk import write_text
 from tests.scenes import make_box, make_rig, rendered_boxes
 from tests.true_stages import Seen, TrueGaze, TrueHeadPose
 from vfoa.divided_people import join_people
@@ -157,8 +159,29 @@ def test_nobody_looks_at_the_own_legs() -> None:
     assert (look.target, set(look.values)) == (None, {estimate.target_names[CUP]})
 
 
-def test_a_run_joins_them_and_names_the_whole_person(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each person of the clip without legs of their own, under matchers with and without an error."""
+EXPERIMENT = """
+clips = ["studio_talk"]
+defaults.stereo.matcher = "truth"
+defaults.segmentation.model = "truth"
+defaults.heads.detector = "truth"
+defaults.head_pose.model = "truth"
+defaults.gaze.model = "truth"
+
+[[configuration]]
+name = "true"
+
+[[configuration]]
+name = "matched"
+stereo.matcher = "sgbm"
+
+[[configuration]]
+name = "heads_of_masks"
+heads.detector = "person_mask"
+"""
+
+
+def test_a_run_joins_them_and_names_the_whole_person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each person of the clip without legs of their own, also where each part gets a head."""
     clip = "studio_talk"
     segment = TruthSegmenter.segment
 
@@ -176,11 +199,14 @@ def test_a_run_joins_them_and_names_the_whole_person(monkeypatch: pytest.MonkeyP
         return Instances(ids=ids, instances=tuple(instances))
 
     monkeypatch.setattr(TruthSegmenter, "segment", divided)
-    configurations = load_experiment("demo", clips=(clip,)).configurations
+    configurations = load_experiment(str(write_text(tmp_path / "divided.toml", EXPERIMENT))).configurations
     with Perception(configurations, load_manifest(clip).open_images(), manifest=load_manifest(clip)) as perception:
         (frame,) = perception.frames((1,))
+    assert len(frame.by_configuration) == 3
     for followed in frame.by_configuration.values():
         assert isinstance(followed, FollowedFrame)
+        assert len(followed.scene.people) == len(followed.tracked.ids) == len(load_manifest(clip).subjects)
+        assert sorted(followed.names.subjects.values()) == sorted(load_manifest(clip).subjects)
         assert sorted(followed.names.targets.values()) == sorted(
             {*load_manifest(clip).subjects, *load_manifest(clip).targets}
         )
