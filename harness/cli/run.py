@@ -120,7 +120,7 @@ def run(
 
     experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
-        experiment = replace(experiment, annotator=annotator)
+        experiment = replace(experiment, annotator=annotator, given=experiment.given | {"annotator"})
     store = None if no_cache else open_store(cache)
     notices: list[str] = []
     folder = out_folder(out or Path("runs") / experiment.name)

@@ -335,12 +335,17 @@ def merged(tables: Tables, over: Tables) -> Tables:
 
 
 def inherited(defaults: Tables, own: Tables) -> Tables:
-    """Return the defaults that a configuration inherits: a stage inherits only the settings that it has."""
+    """Return the defaults that a configuration inherits: a stage inherits only the settings that it has.
+
+    A table without a stage keeps all of them, of which one can be the stage's misspelt key.
+    """
     tables = {}
     for table, settings in defaults.items():
         slot = STAGES.get(table)
         name = {**settings, **own.get(table, {})}.get(slot.key) if slot else None
-        tables[table] = {key: value for key, value in settings.items() if slot is None or slot.takes(name, key)}
+        tables[table] = {
+            key: value for key, value in settings.items() if slot is None or name is None or slot.takes(name, key)
+        }
     return tables
 
 

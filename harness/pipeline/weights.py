@@ -369,10 +369,13 @@ def _absent(choices: Iterable[StageChoice]) -> dict[str, CatalogueEntry]:
     return {name: entry for name, entry in models_of(choices).items() if not entry.find()}
 
 
-def locate_weights(choices: Iterable[StageChoice], fetch: str | None = None) -> dict[str, Path]:
+def locate_weights(
+    choices: Iterable[StageChoice], fetch: str | None = None, *, where: str | None = None
+) -> dict[str, Path]:
     """Return the path of each weights file that the stages name.
 
-    ``fetch`` is a command that fetches just what is missing; by default one that names every model.
+    ``fetch`` is a command that fetches just what is missing; by default one that names every model. ``where`` opens the
+    message about a file that is not of the catalogue.
 
     Raises
     ------
@@ -388,7 +391,20 @@ def locate_weights(choices: Iterable[StageChoice], fetch: str | None = None) -> 
         here = f"; or what is here already: {' '.join(missing.alternatives)}" if missing.alternatives else ""
         folders = " and ".join(map(str, directories()))
         raise VfoaError(f"weights missing in {folders}: {', '.join(models)}; expected: {fetch or missing.fetch}{here}")
-    return {file: locate(file) for file in sorted({name for choice in choices for name in weights_of(choice.settings)})}
+    named_by = {file: choice for choice in reversed(choices) for file in weights_of(choice.settings)}
+    located = {}
+    for file, choice in sorted(named_by.items()):
+        try:
+            located[file] = locate(file)
+        except VfoaError as error:
+            raise VfoaError(": ".join(filter(None, (where, _key_of(file, choice), str(error))))) from None
+    return located
+
+
+def _key_of(file: str, choice: StageChoice) -> str:
+    """The dotted key of the setting that names a weights file."""
+    keys = (key for key, value in choice.settings if file == value or (isinstance(value, tuple) and file in value))
+    return ".".join((choice.slot, *[*keys][:1]))
 
 
 def _find(file: str) -> Path | None:

@@ -106,8 +106,8 @@ class Experiment:
     ``limit`` is the number of frames to take of each clip; None for all. ``annotator`` names the annotator whose labels
     are scored; None for ``annotations/<clip>.csv``. ``published`` are published figures for these configurations.
     ``missing`` says which clips of a family are not here. ``recording``: whether it is recorded, and with
-    which pictures, unless the command line says so. ``clips_from`` is the file that names the clips, None if its user
-    named them.
+    which pictures, unless the command line says so. ``where`` is its file, and what was set over it.
+    ``given`` are the keys that its user gave instead of the file's.
     """
 
     name: str
@@ -119,7 +119,12 @@ class Experiment:
     published: Published | None = None
     missing: tuple[str, ...] = ()
     recording: RecordingKind = "light"
-    clips_from: str | None = None
+    where: str = ""
+    given: frozenset[str] = frozenset()
+
+    def wrong(self, key: str, error: VfoaError) -> VfoaError:
+        """The error of a key's value, with the file and the key in front if it is from the file."""
+        return error if key in self.given else VfoaError(f"{self.where}: {key}: {error}")
 
 
 class _File(Settings):
@@ -191,7 +196,8 @@ def load_experiment(
         published=file.published,
         missing=missing,
         recording=file.recording,
-        clips_from=None if clips else str(path),
+        where=where,
+        given=frozenset(["clips"] if clips else []),
     )
 
 

@@ -178,17 +178,26 @@ def manifest_of(name: str, experiment: Experiment) -> ClipManifest:
         return load_manifest(name)
     except VfoaError as error:
         is_here = Path(name).is_file() if name.endswith(".toml") else name in clip_files()
-        if is_here or experiment.clips_from is None:
+        if is_here:
             raise
-        raise VfoaError(f"{experiment.clips_from}: clips: {error}") from None
+        raise experiment.wrong("clips", error) from None
 
 
 def _prepare_clip(name: str, limit: int | None, experiment: Experiment) -> PreparedClip:
     manifest = manifest_of(name, experiment)
     clip = manifest.open()
+    _check_annotator(manifest, experiment)
     labels = manifest.labels(timeline_of(clip), experiment.annotator)
     drawn = None if isinstance(clip, MeasuredClip) else drawn_on(manifest, clip.frames, experiment)
     return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels, drawn=drawn)
+
+
+def _check_annotator(manifest: ClipManifest, experiment: Experiment) -> None:
+    try:
+        if experiment.annotator is not None:
+            manifest.annotations.expect(experiment.annotator)
+    except VfoaError as error:
+        raise experiment.wrong("annotator", error) from None
 
 
 def drawn_on(manifest: ClipManifest, frames: Sequence[int], experiment: Experiment) -> DrawnClip | None:
@@ -248,7 +257,9 @@ def describe(plan: Plan) -> RunManifest:
         If weights are missing: which, how to fetch them, and what would do instead.
     """
     configurations = plan.experiment.configurations
-    weights = locate_weights(plan.stages, _default_fetch(plan))  # before a stage of a clip opens them
+    weights = locate_weights(
+        plan.stages, _default_fetch(plan), where=plan.experiment.where
+    )  # before a stage of a clip opens them
     of_sinks = {key: value for sink in plan.sinks for key, value in sink.described().items()}
     return RunManifest(
         experiment=plan.experiment.name,

@@ -70,6 +70,8 @@ class FileAnswers:
 
     def __init__(self, settings: AnswersSettings, manifest: ClipManifest, clip: Clip | MeasuredClip) -> None:
         self._path = expand(settings.file, Path.cwd(), "attention.file")
+        if not self._path.is_file():
+            raise VfoaError(f"attention.file: {self._path}: no such file; expected a table of answers")
         self._rules: Mapping[str, NameRule] = {**manifest.targets, **manifest.subjects}
         self._people = tuple(manifest.subjects)
         frames = tuple(clip.frames)

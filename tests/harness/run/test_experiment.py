@@ -9,7 +9,7 @@ from harness.pipeline.configuration import Configuration
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
 from harness.run.notes import WARNINGS, NoteKind
-from harness.run.plan import prepare
+from harness.run.plan import describe, prepare
 from vfoa.errors import VfoaError
 
 HEAD = """
@@ -133,6 +133,7 @@ def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:
         (HEAD + "[[configuration]]\nname = '../a'\n", r"expected a name of letters"),
         ("clips = [", r"not TOML"),
         ('preset = "gone.toml"\n' + HEAD, r"mine\.toml: preset: .*gone\.toml: no such file"),
+        (HEAD.replace("matcher", "matchr"), r"stereo\.matcher: missing; .*stereo\.matchr"),
         ('clips = ["one"]\n[[configuration]]\nname = "a"\nstereo.b = 1\n', r"stereo\.matcher: missing; .*stereo\.b"),
         (HEAD + "[grid.attention]\na = { method = 'logit', weights = 'w.toml' }\n", r"attention\.weights: .*'w\.toml'"),
     ],
@@ -150,6 +151,32 @@ def test_an_unknown_clip_is_told_with_the_file_that_names_it(tmp_path: Path, cli
         prepare(load_experiment(_write(tmp_path, text)))
     with pytest.raises(VfoaError, match=rf"^(no clip )?'?{clip}"):
         prepare(load_experiment(_write(tmp_path, HEAD), clips=(clip,)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("clips", 'annotator = "bob"\nclips', r"mine\.toml: annotator: .*'bob'"),
+        ('model = "truth"', 'model = "yolo_seg"\nweights = "a.onnx"', r"mine\.toml: segmentation\.weights: a\.onnx"),
+        (
+            "[defaults.gaze]",
+            "[defaults.attention]\nmethod = 'answers'\nfile = 'a.csv'\n[defaults.gaze]",
+            "attention.file",
+        ),
+    ],
+)
+def test_what_an_experiment_names_and_is_not_here_is_told_with_its_key(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    text = HEAD.replace('"one", "two"', '"demo_1"').replace(old, new, 1)
+    with pytest.raises(VfoaError, match=message):
+        describe(prepare(load_experiment(_write(tmp_path, text))))
+
+
+def test_a_missing_annotator_of_the_command_line_is_not_told_as_the_files(tmp_path: Path) -> None:
+    experiment = load_experiment(_write(tmp_path, HEAD), clips=("demo_1",))
+    with pytest.raises(VfoaError, match=r"^demo_1: no annotations by 'bob'"):
+        prepare(replace(experiment, annotator="bob", given=frozenset({"annotator"})))
 
 
 def test_an_unknown_experiment_proposes_the_nearest() -> None:
