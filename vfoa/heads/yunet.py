@@ -7,6 +7,7 @@ the cell's corner and logarithm of width and height in cells; ``kps``, five land
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import cv2
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from vfoa.crops import head_box
+from vfoa.crops import center, head_box
 from vfoa.errors import VfoaError
 from vfoa.heads.person_mask import PersonMask
 from vfoa.onnx import Model, RuntimeSettings, Signature, blob
@@ -64,10 +65,14 @@ class YuNet:
         return self.with_people(self.faces(frame), frame, instances)
 
     def with_people(self, faces: tuple[Head, ...], frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """Return these heads, then those of the people who have none of them."""
-        owners = {_owner(face, instances, self.settings.person_mask.label) for face in faces}
-        without = [head for head in self._people.detect(frame, instances) if head.instance_id not in owners]
-        return (*faces, *without)
+        """Return these heads, then those of the people who have none of them.
+
+        A face is that of the person whose mask covers it most, if it covers more than half or if the top of the mask is
+        there. A face on a screen, or of someone without a mask, is not that of a person whose mask only touches it.
+        """
+        people = self._people.detect(frame, instances)
+        owners = {_owner(face, people, instances, self.settings.person_mask.label) for face in faces}
+        return (*faces, *(head for head in people if head.instance_id not in owners))
 
     def faces(self, frame: StereoFrame) -> tuple[Head, ...]:
         """Return heads with a face, best first."""
@@ -110,10 +115,10 @@ def _decoded(outputs: dict[str, NDArray[Any]], stride: int, columns: int) -> Flo
     box, points = (outputs[f"{name}_{stride}"][0].astype(np.float64) for name in ("bbox", "kps"))
     cells = np.arange(len(box))
     corner = np.column_stack([cells % columns, cells // columns])
-    center, size = (corner + box[:, :2]) * stride, np.exp(box[:, 2:]) * stride
+    middle, size = (corner + box[:, :2]) * stride, np.exp(box[:, 2:]) * stride
     landmarks = (corner[:, None] + points.reshape(-1, 5, 2)) * stride
     sure, there = (np.clip(outputs[f"{name}_{stride}"][0], 0, 1) for name in ("cls", "obj"))
-    return np.column_stack([center - size / 2, size, landmarks.reshape(-1, 10), np.sqrt(sure * there)])
+    return np.column_stack([middle - size / 2, size, landmarks.reshape(-1, 10), np.sqrt(sure * there)])
 
 
 def _head(row: Float, scale: Float) -> Head:
@@ -128,12 +133,19 @@ def _head(row: Float, scale: Float) -> Head:
     )
 
 
-def _owner(head: Head, instances: Instances, label: str) -> int | None:
-    """Return the person whose mask covers most of a head's face; None if no person's mask does."""
-    assert head.face_box_px is not None
+def _owner(face: Head, people: Iterable[Head], instances: Instances, label: str) -> int | None:
+    """Return the person of a face, among instances with this label and heads from their masks; None if it is nobody's.
+
+    See :meth:`YuNet.with_people`.
+    """
+    assert face.face_box_px is not None
     height, width = instances.ids.shape
-    u0, v0, u1, v1 = np.clip(np.rint(head.face_box_px), 0, [width, height] * 2).astype(int)
+    u0, v0, u1, v1 = np.clip(np.rint(face.face_box_px), 0, [width, height] * 2).astype(int)
     inside = instances.ids[v0:v1, u0:u1]
     covered = {person.id: int((inside == person.id).sum()) for person in instances.instances if person.label == label}
     best = max(covered, key=lambda id_: covered[id_], default=None)
-    return best if best is not None and covered[best] else None
+    if best is None or not covered[best]:
+        return None
+    tops = [center(head.box_px) for head in people if head.instance_id == best]
+    is_at_top = any((face.box_px[:2] <= top).all() and (top <= face.box_px[2:]).all() for top in tops)
+    return best if is_at_top or 2 * covered[best] > inside.size else None

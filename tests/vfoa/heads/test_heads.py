@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scripts.measure.mirror import bandage_frame, frame_of, mirrored, mirrored_head
+from vfoa.crops import head_box
 from vfoa.errors import VfoaError
 from vfoa.heads.person_mask import HEAD_ASPECT, PersonMask, head_in_mask
 from vfoa.heads.yunet import YuNet
-from vfoa.types import Float, Image, Instance, Instances, Mask
+from vfoa.types import Float, Head, Image, Instance, Instances, Mask
 
 
 def person_mask(shape: tuple[int, int], u: float, top: float, head_width: float) -> tuple[Mask, Float]:
@@ -178,6 +179,39 @@ def test_people_without_a_face_get_the_head_of_their_mask(shared_data: Path, sha
     assert with_face.landmarks_px is not None
     assert (without.instance_id, without.landmarks_px, without.face_box_px) == (2, None, None)
     assert without.score < with_face.score
+
+
+def detector_of_no_use(folder: Path) -> YuNet:
+    """One that can join faces with people, but not search for faces."""
+    (folder / "none.onnx").touch()
+    return YuNet(YuNet.Settings(weights=str(folder / "none.onnx")))
+
+
+def face_in(box_px: list[float]) -> Head:
+    return Head(box_px=head_box(box_px), score=0.9, face_box_px=np.array(box_px))
+
+
+@pytest.mark.parametrize(("covered", "heads"), [(0.02, 2), (0.4, 2), (0.6, 1), (1.0, 1)])
+def test_a_face_that_a_mask_only_touches_is_not_that_of_the_person(tmp_path: Path, covered: float, heads: int) -> None:
+    """A face on a screen beside the body of someone who turns away."""
+    mask, box = person_mask((400, 500), 250, 30, 60)
+    mask[200:, 150:350] = True
+    first = 349.5 - 50 * covered
+    frame = frame_of(np.zeros((400, 500, 3), np.uint8))
+    found = detector_of_no_use(tmp_path).with_people((face_in([first, 249.5, first + 50, 309.5]),), frame, people(mask))
+    assert len(found) == heads
+    if heads == 2:
+        assert found[1].instance_id == 1
+        assert overlap(found[1].box_px, box) > 0.7
+
+
+def test_a_person_of_a_poor_mask_has_one_head(tmp_path: Path) -> None:
+    """The mask has a third of the face's pixels, as one that was carried over frames may."""
+    mask, box = person_mask((400, 500), 250, 30, 60)
+    mask[:, ::3] = False
+    mask[:, 1::3] = False
+    frame = frame_of(np.zeros((400, 500, 3), np.uint8))
+    assert len(detector_of_no_use(tmp_path).with_people((face_in(box.tolist()),), frame, people(mask))) == 1
 
 
 @pytest.mark.parametrize("size", [640, 320])
