@@ -143,8 +143,8 @@ MUTATIONS = (
     Mutation(
         "a track ends at its first gap",
         "vfoa/tracking.py",
-        "elif track.missed < self._settings.ttl:",
-        "elif track.missed < 0:",
+        "if track.id in places or track.missed < self._settings.ttl",
+        "if track.id in places",
         "vfoa/test_tracking.py",
     ),
     Mutation(
@@ -236,7 +236,7 @@ MUTATIONS = (
     Mutation(
         "the offset of the first film counts",
         "harness/labels/formats/exchange.py",
-        "own = (name for film in self.films for name in names if file_name(name) == film)",
+        "own = (name for film in self.films for name in names if file_name(name) == composed(film))",
         "own = iter(names)",
         "harness/labels/formats/test_boris.py harness/labels/formats/test_elan.py",
     ),
