@@ -14,18 +14,15 @@ import vfoa.heads
 import vfoa.segmentation
 import vfoa.stereo
 from vfoa.config import METHOD_OF_CLIP, STEPS, check_immediate, dotted_tables, is_in_region, read_steps
-from vfoa.depth_memory import DepthMemory, EyeMemory
-from vfoa.divided_people import join_people
 from vfoa.errors import VfoaError
 from vfoa.estimate import Estimate
-from vfoa.instance_tracking import InstanceTracker
-from vfoa.pipeline import Attending, AttendSettings, Stages, perceive, reconstruct
+from vfoa.following import Following
+from vfoa.pipeline import Attending, AttendSettings, Stages, perceive
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
 from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
 from vfoa.settings import Settings
 from vfoa.times import time_of_frame
-from vfoa.tracking import Tracker
 from vfoa.types import Image, StereoFrame, StereoRig
 from vfoa.validation import parse
 from vfoa.weights import check_located, weights_of
@@ -160,9 +157,9 @@ class Follower:
     """
 
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
-        self._estimator, self._rig = estimator, rig
-        self._tracker, self._attending = Tracker(estimator.attend.tracking), Attending(estimator.attend)
-        self._instances, self._depths, self._eyes = InstanceTracker(), DepthMemory(), EyeMemory()
+        self._rig = rig
+        self._following = Following(estimator.reconstruction, estimator.attend.tracking)
+        self._attending = Attending(estimator.attend)
         self._frames = 0
         self._time_ns: int | None = None
         self._stages, every = estimator.stages, estimator.key_frames.every
@@ -189,19 +186,13 @@ class Follower:
             If an image does not match the rig, the time is not later than that of the frame before, or a model fails.
             The memory then stays unchanged.
         """
-        estimator = self._estimator
         now_ns = time_of_frame(time_ns, self._time_ns)
         try:
             frame = StereoFrame(index=self._frames, time_ns=now_ns, left=left, right=right, rig=self._rig)
         except ValueError as error:
             raise VfoaError(f"frame {self._frames}: {error}") from None
-        percepts = join_people(perceive(frame, self._stages), estimator.reconstruction.person)
-        percepts = self._instances.step(percepts.instances).renumber(percepts)
-        scene = reconstruct(percepts, estimator.reconstruction)
-        tracked = self._tracker.step(scene.people)
-        targets = self._depths.step(scene.targets, self._rig)
-        people = self._eyes.step(scene.people, tracked.ids, self._rig)
-        (result,) = self._attending.step(replace(scene, targets=targets, people=people), tracked)
+        percepts, scene, tracked = self._following.step(perceive(frame, self._stages))
+        (result,) = self._attending.step(scene, tracked)
         self._frames, self._time_ns = self._frames + 1, now_ns
         return Estimate(percepts=percepts, result=result)
 

@@ -6,7 +6,7 @@ reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Statele
 follow       heads -> tracks: :class:`vfoa.tracking.Tracker`; instances -> the same ones under lasting numbers:
              :class:`vfoa.instance_tracking.InstanceTracker`. Ordered, with a memory. The parts of a divided person
              are joined before (:func:`vfoa.divided_people.join_people`), and objects and eyes that a frame shows
-             without a depth have their last one (:mod:`vfoa.depth_memory`).
+             without a depth have their last one (:mod:`vfoa.depth_memory`). :mod:`vfoa.following` does all of it.
 attend       scenes and tracks -> results: filtered cues, attention by a method. Ordered, with a memory, and cheap.
 
 The first two run out of order and in parallel; configurations that differ in attention repeat only the last.

@@ -17,13 +17,10 @@ from harness.pipeline.prefetch import prefetch
 from harness.report.formats import UNKNOWN, Table
 from harness.run.executors import compute_with
 from harness.run.experiment import load_experiment
-from vfoa.depth_memory import DepthMemory, EyeMemory
-from vfoa.divided_people import join_people
 from vfoa.errors import VfoaError
-from vfoa.instance_tracking import InstanceTracker
+from vfoa.following import Following
 from vfoa.onnx import Provider
-from vfoa.pipeline import Attending, Stages, perceive, reconstruct
-from vfoa.tracking import Tracker
+from vfoa.pipeline import Attending, Stages, perceive
 from vfoa.types import Disparity, Float, Instances, Percepts, StereoFrame
 from vfoa.weights import check_located, weights_of
 
@@ -204,15 +201,11 @@ def _measure(row: SpeedRow, manifest: ClipManifest, configuration: Configuration
 
 def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Float:
     """The time and the CPU time at the end of each frame, seconds (2, n)."""
-    tracker, attending = Tracker(configuration.attend.tracking), Attending(configuration.attend)
-    instances, depths, eyes, ends = InstanceTracker(), DepthMemory(), EyeMemory(), []
-    for frame in perceived:
-        found = join_people(frame, configuration.reconstruction.person)
-        percepts = instances.step(found.instances).renumber(found)
-        scene = reconstruct(percepts, configuration.reconstruction)
-        tracked = tracker.step(scene.people)
-        targets, people = depths.step(scene.targets, frame.rig), eyes.step(scene.people, tracked.ids, frame.rig)
-        attending.step(replace(scene, targets=targets, people=people), tracked)
+    following = Following(configuration.reconstruction, configuration.attend.tracking)
+    attending, ends = Attending(configuration.attend), []
+    for found in perceived:
+        _, scene, tracked = following.step(found)
+        attending.step(scene, tracked)
         ends.append((time.perf_counter(), time.process_time()))
     return np.transpose(ends)
 
