@@ -16,6 +16,8 @@ TRUTH: Settings = {
     "gaze.model": "simulated",
 }
 """Stages of a rendered clip that know its ground truth."""
+NO_ERRORS: Settings = {**TRUTH, "head_pose.model": "truth", "gaze.model": "truth"}
+"""As :data:`TRUTH`, with directions without errors."""
 BLOCKS: Settings = {**TRUTH, "stereo.matcher": "bm", "stereo.min_depth_m": 0.8, "stereo.wls": False}
 """As :data:`TRUTH`, with depths of block matching."""
 

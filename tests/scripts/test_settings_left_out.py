@@ -23,19 +23,14 @@ from scripts.measure.settings_left_out import (
     weighing_the_same,
 )
 from tests.disk import write_text
+from tests.experiments import experiment_of
 from tests.harness.score.test_fit_logit import labelled_clips
 from vfoa.logit import LogitWeights, default_weights
 
-EXPERIMENT = """\
-clips = ["{clip}"]
-preset = "measured"
-[[configuration]]
-name = "posterior"
-attention.method = "bayes"
-[[configuration]]
-name = "posterior_both"
-attention = {{ method = "bayes", smoothing = "both" }}
-"""
+CONFIGURATIONS = {
+    "posterior": {"attention.method": "bayes"},
+    "posterior_both": {"attention.method": "bayes", "attention.smoothing": "both"},
+}
 CLIPS = {"office": "one", "heads": "two", "street": "three"}
 """The clip of each material; ``heads`` is of the office, too."""
 MATERIALS = {
@@ -56,7 +51,7 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> People:
         patch.setattr("harness.run.executors.cores", lambda: 1)
         labelled_clips(folder, tuple(CLIPS.values()), frames=12)
         for name, clip in CLIPS.items():
-            path = write_text(folder / f"{name}.toml", EXPERIMENT.format(clip=clip))
+            path = write_text(folder / f"{name}.toml", experiment_of([clip], CONFIGURATIONS, preset="measured"))
             plan = prepare(load_experiment(str(path)))
             run_plan(plan, folder / "runs" / name, workers=1, progress=lambda clip: None)
         return read_people(Path("runs"))

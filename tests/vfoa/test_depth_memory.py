@@ -14,6 +14,7 @@ from harness.pipeline.ground_truth import TruthMatcher
 from harness.pipeline.perception import FollowedFrame, Perception
 from harness.run.experiment import load_experiment
 from tests.disk import write_text
+from tests.experiments import NO_ERRORS, experiment_of
 from tests.scenes import make_box, make_person, make_rig, rendered_boxes
 from tests.true_stages import FAR, NEAR, true_percepts, true_stages
 from vfoa.depth_memory import DepthMemory, EyeMemory
@@ -25,21 +26,7 @@ RIG = make_rig(320, 200, fx_px=260)
 BLACK = np.zeros((240, 400, 3), np.uint8)
 PLAIN, OTHER = 1, 2
 SETTINGS = ReconstructionSettings()
-EXPERIMENT = """
-clips = ["studio_table"]
-defaults.stereo.matcher = "truth"
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "truth"
-defaults.gaze.model = "truth"
-
-[[configuration]]
-name = "fine"
-
-[[configuration]]
-name = "coarse"
-reconstruction.max_points = 200
-"""
+EXPERIMENT = experiment_of(["studio_table"], {"fine": {}, "coarse": {"reconstruction.max_points": 200}}, NO_ERRORS)
 
 
 def scene(x: float = -0.4, *, of: tuple[int, ...] = (PLAIN, OTHER)) -> Percepts:

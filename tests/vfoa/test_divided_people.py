@@ -14,6 +14,7 @@ from harness.pipeline.ground_truth import TruthSegmenter
 from harness.pipeline.perception import FollowedFrame, Perception
 from harness.run.experiment import load_experiment
 from tests.disk import write_text
+from tests.experiments import NO_ERRORS, experiment_of
 from tests.scenes import make_box, make_rig, rendered_boxes
 from tests.true_stages import Seen, TrueGaze, TrueHeadPose
 from vfoa.divided_people import join_people
@@ -159,25 +160,11 @@ def test_nobody_looks_at_the_own_legs() -> None:
     assert (look.target, set(look.values)) == (None, {estimate.target_names[CUP]})
 
 
-EXPERIMENT = """
-clips = ["studio_talk"]
-defaults.stereo.matcher = "truth"
-defaults.segmentation.model = "truth"
-defaults.heads.detector = "truth"
-defaults.head_pose.model = "truth"
-defaults.gaze.model = "truth"
-
-[[configuration]]
-name = "true"
-
-[[configuration]]
-name = "matched"
-stereo.matcher = "sgbm"
-
-[[configuration]]
-name = "heads_of_masks"
-heads.detector = "person_mask"
-"""
+EXPERIMENT = experiment_of(
+    ["studio_talk"],
+    {"true": {}, "matched": {"stereo.matcher": "sgbm"}, "heads_of_masks": {"heads.detector": "person_mask"}},
+    NO_ERRORS,
+)
 
 
 def test_a_run_joins_them_and_names_the_whole_person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
