@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import subprocess
 import tempfile
@@ -43,6 +44,9 @@ _NOWHERE = "http://127.0.0.1:9"
 _WEB_FILES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
 _RETRIES = 7
 """Attempts to connect, after pauses of 0, 0.5, 1, 2 ... 16 s: 30 s in all."""
+
+_NO_GLYPH = re.compile(r'No glyph for "(.+?)" \((U\+[0-9A-F]+)\)')
+"""The viewer without a window panics at a letter that its font lacks; the one in a browser draws a box."""
 
 INSTEAD = "--web shows a recording in a browser, --screenshot PNG draws it into a file"
 """Advice for a machine without a display."""
@@ -228,10 +232,28 @@ def _ended(
         return None
     stderr.seek(0)
     lines = stderr.read().decode(errors="replace").strip().splitlines()
-    last_line = lines[-1] if lines else ""
-    if "DISPLAY" in last_line:
+    reason = _panic(lines) or (lines[-1] if lines else "it printed no reason")
+    if "DISPLAY" in reason:
         return VfoaError(f"the Rerun viewer: found no display to open its window on; {instead}")
-    return VfoaError(f"the Rerun viewer ended with status {process.returncode}: {last_line}")
+    if glyph := _NO_GLYPH.search(reason):
+        return VfoaError(
+            f"the Rerun viewer: found {glyph[1]} ({glyph[2]}) in a name of the recording; expected letters of its font "
+            "(Latin, Greek, Cyrillic): --web shows the recording, with a box in place of such a letter"
+        )
+    return VfoaError(f"the Rerun viewer ended with status {process.returncode}: {reason}")
+
+
+def _panic(lines: Sequence[str]) -> str | None:
+    """The message of the first panic in what the viewer printed, None without one.
+
+    Rerun prints ``thread 'main' panicked at 'MESSAGE'``, Rust ``thread 'main' panicked at FILE:LINE:COLUMN:``, then the
+    message in the next line.
+    """
+    for line, after in zip(lines, [*lines, ""][1:], strict=True):
+        _, is_panic, rest = line.partition(" panicked at ")
+        if is_panic:
+            return rest.strip("'") if rest.startswith("'") else after.strip() or rest
+    return None
 
 
 def free_port() -> int:

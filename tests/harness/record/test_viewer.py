@@ -177,6 +177,37 @@ def test_a_viewer_that_ended_is_said_although_it_has_answered():
         use()
 
 
+@needs_vulkan
+@pytest.mark.parametrize("letter", ["杯", "ם", "😀"])
+def test_a_letter_that_the_viewers_font_lacks_is_named(letter, frames, tmp_path):
+    write_run(tmp_path / "run", {CONFIGURATION: frames[:1]}, names=["red cup", f"cup {letter}"])
+    (recording,) = find_recordings(tmp_path / "run", None, None)
+    with pytest.raises(VfoaError, match=rf"found {letter} \(U\+{ord(letter):04X}\).*--web"):
+        screenshot(recording, None, tmp_path / "shot.png")
+    assert not (tmp_path / "shot.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("printed", "reason"),
+    [
+        ("thread 'main' panicked at 'no \"such\" thing'\nepaint/fonts.rs:806\n\nReport bugs: URL", 'no "such" thing'),
+        (
+            "thread 'main' panicked at src/main.rs:4:5:\nno such thing\nnote: run with `RUST_BACKTRACE=1`",
+            "no such thing",
+        ),
+        ("opening\nno such thing", "no such thing"),
+        ("", "it printed no reason"),
+    ],
+)
+def test_a_viewer_that_ended_says_why_it_panicked(printed, reason, tmp_path):
+    stderr = tmp_path / "stderr"
+    stderr.write_text(printed)
+    process = subprocess.Popen([sys.executable, "-c", "raise SystemExit(102)"])
+    with stderr.open("rb") as file:
+        error = viewer._ended(process, file, viewer.INSTEAD, 30.0)
+    assert str(error) == f"the Rerun viewer ended with status 102: {reason}"
+
+
 def test_a_picture_that_is_late_is_awaited(monkeypatch):
     monkeypatch.setattr(viewer, "_POLL_S", 0.0)
     client = SlowClient(None, b"first", None, b"last", b"last")
