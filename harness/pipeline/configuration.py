@@ -74,6 +74,9 @@ class StageKind:
         """
         name = table.get(self.key)
         if name is None:
+            if unknown := table.keys() - (known := self.settings()):
+                key = min(unknown)
+                raise VfoaError(f"{where}: unknown key '{self.name}.{key}'; {did_you_mean(key, known)}")
             found = f" (found: {', '.join(f'{self.name}.{key}' for key in table)})" if table else ""
             expected = ", ".join(self.names())
             raise VfoaError(f"{where}: {self.name}.{self.key}: missing; expected one of: {expected}{found}")
@@ -95,6 +98,11 @@ class StageKind:
             return True
         stage = self.library.resolve(str(name))
         return stage != OFF and stage in self and key in self.stage_class(stage).Settings.model_fields
+
+    def settings(self) -> set[str]:
+        """Every key that the slot's table can have, with one stage or another."""
+        stages = (self.stage_class(name) for name in self.names() if name != OFF)
+        return {self.key}.union(*(stage.Settings.model_fields for stage in stages))
 
     def build(self, choice: StageChoice, clip: Clip) -> Any:
         """Build the stage for one clip."""
@@ -364,7 +372,7 @@ def takes(tables: Tables, dotted: str) -> bool:
 def is_setting(table: str, key: str) -> bool:
     """Whether any stage or step can have the setting ``table.key``."""
     if slot := STAGES.get(table):
-        return any(slot.takes(name, key) for name in slot.names())
+        return key in slot.settings()
     if table == "attention":
         return key == "method" or bool(METHODS.choices_with("attention.method", key))
     return table in STEPS and key in STEPS[table].model_fields
@@ -388,6 +396,7 @@ def check_all_used(
                 gone = removed((table, key), settings[key])
                 chosen = [each.choices[table] for each in configurations if table in STAGES]
                 known = {name for choice in chosen if choice for name in type(choice.settings).model_fields}
+                known.update([STAGES[table].key] if table in STAGES else STEPS[table].model_fields)
                 problem = gone or f"no configuration's {table} has such a setting; {did_you_mean(key, known)}"
                 raise VfoaError(f"{where}: defaults.{table}.{key}: {problem}")
 

@@ -29,7 +29,7 @@ from harness.run.frame_sink import SinkFactory
 from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, NoteOfRun, RunManifest
 from harness.run.notes import Note
 from harness.sources import Clip, MeasuredClip
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, located
 from vfoa.methods import MethodSettings
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 
@@ -348,16 +348,25 @@ _PACKAGES = (
 
 
 def output_digests(experiment: Experiment, manifest: ClipManifest, clip: Clip | MeasuredClip) -> list[str]:
-    """The sha256 of the files that each distinct stage reads for a clip, in their order, then those of methods."""
+    """The sha256 of the files that each distinct stage reads for a clip, in their order, then those of methods.
+
+    Raises
+    ------
+    VfoaError
+        If a file that a method reads is missing or wrong: the experiment, the configuration, and what is wrong.
+    """
     own = [configuration.for_clip(manifest.name) for configuration in experiment.configurations]
-    methods = {each.attend.attention.model_dump_json(): each.attend.attention for each in own}
-    answers = [open_method(settings, manifest, clip) for settings in methods.values() if reads_clip(settings)]
-    of_methods = [method.digest() for method in answers]
+    of_methods: dict[str, str] = {}
+    for each in own:
+        settings, name = each.attend.attention, each.attend.attention.model_dump_json()
+        if reads_clip(settings) and name not in of_methods:
+            with located(f"{experiment.where}: configuration {each.name!r}"):
+                of_methods[name] = open_method(settings, manifest, clip).digest()
     if isinstance(clip, MeasuredClip):
-        return of_methods
+        return [*of_methods.values()]
     distinct = {f"{choice.slot} {choice.plain()}": choice for each in own for choice in each.stages}
     digests = (STAGES[choice.slot].files_digest(choice, clip) for choice in distinct.values())
-    return [*(digest for digest in digests if digest is not None), *of_methods]
+    return [*(digest for digest in digests if digest is not None), *of_methods.values()]
 
 
 def versions() -> dict[str, str]:

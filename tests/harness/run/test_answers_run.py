@@ -245,6 +245,11 @@ def test_a_mistake_is_named_before_anything_runs(talk: Path, header: str, row: s
     assert not (talk / "run" / "answers").exists()
 
 
+def test_a_missing_table_is_named_with_the_experiment_and_the_configuration(talk: Path) -> None:
+    with pytest.raises(VfoaError, match=r"talk\.toml: configuration 'theirs': attention\.file: .*talk\.csv: no such"):
+        _run(talk)
+
+
 STAGES = {**BLOCKS, "head_pose.model": "truth", "gaze.model": "truth"}
 POINTS = experiment_of(
     ["studio_talk"],
