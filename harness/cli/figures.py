@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Replace, Runs, clip_names, configuration_names, run_folder
+from harness.cli.options import Replace, Runs, clip_names, composed_name, configuration_names, run_folder
 from harness.cli.terminal import say
 
 
@@ -27,7 +27,8 @@ def figures(
         ),
     ] = None,
     subject: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Draw a failure of this person as the strip.")
+        str | None,
+        typer.Option(metavar="NAME", help="Draw a failure of this person as the strip.", callback=composed_name),
     ] = None,
     frame: Annotated[
         int | None, typer.Option(metavar="FRAME", help="Draw a failure in this frame as the strip.")

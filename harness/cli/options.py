@@ -14,6 +14,13 @@ if TYPE_CHECKING:
     from harness.run.manifest import RunManifest
 
 
+def composed_name(name: str | None) -> str | None:
+    """A name from the command line in the form that tables have (:func:`harness.files.safe_names.composed`)."""
+    from harness.files.safe_names import composed
+
+    return name and composed(name)
+
+
 def clip_names(incomplete: str) -> list[str]:
     """Clips by name."""
     from harness.clips.families import clip_files

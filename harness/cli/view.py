@@ -11,7 +11,16 @@ from urllib.parse import urlsplit
 
 import typer
 
-from harness.cli.options import OneClip, OneConfiguration, Port, Recordings, Replace, run_directories, run_folder
+from harness.cli.options import (
+    OneClip,
+    OneConfiguration,
+    Port,
+    Recordings,
+    Replace,
+    composed_name,
+    run_directories,
+    run_folder,
+)
 from harness.cli.terminal import ended_by_signals, say, say_forwarding, signals_as_ctrl_c
 from vfoa.errors import VfoaError, did_you_mean, listed
 
@@ -29,7 +38,12 @@ def view(
     config: OneConfiguration = None,
     frame: Annotated[int | None, typer.Option(metavar="FRAME", help="Open the first recording at this frame.")] = None,
     subject: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Show this person's tab. With --failures: only of this person.")
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Show this person's tab. With --failures: only of this person.",
+            callback=composed_name,
+        ),
     ] = None,
     web: Annotated[bool, typer.Option("--web", help="Open it in the browser; Ctrl-C ends it.")] = False,
     failures: Annotated[
@@ -332,7 +346,8 @@ def export_failure(
     clip: OneClip = None,
     config: OneConfiguration = None,
     subject: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Open it with this person's tab in front.")
+        str | None,
+        typer.Option(metavar="NAME", help="Open it with this person's tab in front.", callback=composed_name),
     ] = None,
     margin: Annotated[int, typer.Option(metavar="N", help="Frames to keep on either side.")] = 10,
     out: Annotated[

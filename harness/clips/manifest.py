@@ -22,7 +22,7 @@ from harness.files.garbage import collected_later
 from harness.files.io import is_file
 from harness.files.parsing import read_toml
 from harness.files.remote import expand
-from harness.files.safe_names import check_name, composed
+from harness.files.safe_names import check_name, composed_keys
 from harness.labels.drawn_shapes import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
 from harness.labels.labels import RESERVED, Labels, Timeline
@@ -77,8 +77,6 @@ class ClipManifest(Settings):
     @field_validator("subjects", "targets")
     @classmethod
     def _no_reserved_names(cls, rules: dict[str, NameRule]) -> dict[str, NameRule]:
-        if twice := [name for name in rules if name != composed(name) and composed(name) in rules]:
-            raise ValueError(f"found the name {twice[0]!r} twice, with accents in two forms of Unicode; expected one")
         for name in rules:
             if name in RESERVED:
                 raise ValueError(f"found the name {name!r}; expected a word other than {' and '.join(RESERVED)}")
@@ -87,7 +85,7 @@ class ClipManifest(Settings):
                     f"found the name {name!r}, the form of unnamed objects; expected a name without #NUMBER"
                 )
             check_name(name)
-        return {composed(name): rule for name, rule in rules.items()}
+        return composed_keys(rules)
 
     @field_validator("phases")
     @classmethod

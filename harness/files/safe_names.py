@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Mapping
+from typing import TypeVar
+
+Value = TypeVar("Value")
 
 _FORMULA = ("=", "+", "-", "@")
 """A spreadsheet executes a cell that begins with one of these as a formula."""
@@ -33,6 +37,19 @@ def composed(text: str) -> str:
     macOS writes file names, and programs on it names taken from them, with accents as signs of their own (NFD).
     """
     return text if text.isascii() else unicodedata.normalize("NFC", text)
+
+
+def composed_keys(values: Mapping[str, Value]) -> dict[str, Value]:
+    """Values by name, each name :func:`composed`.
+
+    Raises
+    ------
+    ValueError
+        If a name occurs in both forms.
+    """
+    if twice := [name for name in values if name != composed(name) and composed(name) in values]:
+        raise ValueError(f"found the name {twice[0]!r} twice, with accents in two forms of Unicode; expected one")
+    return {composed(name): value for name, value in values.items()}
 
 
 def shown(text: str) -> str:

@@ -11,6 +11,7 @@ from statistics import median
 
 import numpy as np
 
+from harness.files.safe_names import composed
 from harness.labels.labels import Label, LabelRange, Labels, ranges_of
 from harness.run.columns import UNKNOWN, PairColumns
 from harness.score.looks import seconds_from_change
@@ -64,7 +65,7 @@ class Condition:
             raise VfoaError(f"--where: found {key!r} in {text!r}; {did_you_mean(key, (*WORDS, *NUMBERS))}")
         if (key in NUMBERS) != (sign in _SIGNS) or (key in NUMBERS and not re.fullmatch(r"-?\d+(\.\d+)?", value)):
             raise VfoaError(f"--where: found {text!r}; expected {EXPECTED}")
-        return cls(text=text.strip(), key=key, sign=sign, values=tuple(value.split("|")))
+        return cls(text=text.strip(), key=key, sign=sign, values=tuple(composed(value).split("|")))
 
     def holds(self, clip: str, subject: str, label: Label, numbers: Mapping[str, float]) -> bool:
         """Whether a labelled frame meets it; ``numbers`` are its values of :data:`NUMBERS`, NaN meets no condition.

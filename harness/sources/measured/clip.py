@@ -16,8 +16,9 @@ from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
+from pydantic import Field, field_validator
 
+from harness.files.safe_names import composed_keys
 from harness.files.tables import LARGEST
 from harness.sources import PersonTruth, Recognised, Truth, check_number
 from vfoa.errors import VfoaError, reported_as
@@ -52,6 +53,11 @@ class MeasuredSettings(Settings):
     objects: dict[str, FixedObject] = Field(default_factory=dict)
     point_size_m: float = Field(default=POINT_SIZE_M, gt=0)
     head_size_m: Extents = HEAD_SIZE_M
+
+    @field_validator("objects")
+    @classmethod
+    def _compose_names(cls, objects: dict[str, FixedObject]) -> dict[str, FixedObject]:
+        return composed_keys(objects)
 
     def fixed_objects(self) -> tuple[MeasuredObject, ...]:
         """The static objects."""

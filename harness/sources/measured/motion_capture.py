@@ -11,14 +11,14 @@ from collections.abc import Callable, Collection, Container, Iterator, Mapping, 
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from harness.files.dialects import check_width, is_missing
 from harness.files.digests import file_digest
-from harness.files.safe_names import check_name
+from harness.files.safe_names import check_name, composed, composed_keys
 from harness.sources.measured.clip import (
     Extents,
     FramesOfMeasurements,
@@ -59,6 +59,11 @@ class WornBody(Settings):
             raise ValueError(f"found {[*forward]}; expected a direction")
         return forward
 
+    @field_validator("body")
+    @classmethod
+    def _compose(cls, body: str | tuple[str, ...] | None) -> str | tuple[str, ...] | None:
+        return tuple(map(composed, body)) if isinstance(body, tuple) else body and composed(body)
+
     def names(self, person: str) -> tuple[str, ...]:
         """Return the names of the bodies that a person wears."""
         return (self.body,) if isinstance(self.body, str) else self.body or (person,)
@@ -76,6 +81,11 @@ class MotionCaptureSettings(MeasuredSettings):
     sizes_m: dict[str, Extents] = Field(default_factory=dict)
     up: Up
     every: int = Field(default=1, ge=1)
+
+    @field_validator("heads", "sizes_m")
+    @classmethod
+    def _compose_names_of_bodies(cls, values: dict[str, Any]) -> dict[str, Any]:
+        return composed_keys(values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,9 +29,10 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import field_validator
 
 from harness.files.digests import digest_files
-from harness.files.safe_names import check_name
+from harness.files.safe_names import check_name, composed
 from harness.sources import Recognised
 from harness.sources.measured.motion_capture import (
     MotionCaptureClip,
@@ -72,6 +73,11 @@ class RosPosesSettings(MotionCaptureSettings):
     bodies: tuple[str, ...] | None = None
     frame: str | None = None
     stamps: Literal["header", "log"] = "header"
+
+    @field_validator("bodies", "frame")
+    @classmethod
+    def _compose_frames(cls, names: tuple[str, ...] | str | None) -> tuple[str, ...] | str | None:
+        return tuple(map(composed, names)) if isinstance(names, tuple) else names and composed(names)
 
 
 class RosPosesClip(MotionCaptureClip):
@@ -192,7 +198,7 @@ def _trajectories(
                         f"{where}: a pose without time stamp; expected one, bodies are joined by it "
                         '(stamps = "log" in [source] joins them by the time of recording)'
                     )
-                key = f"/{topic.lstrip('/')}" if child is None else child
+                key = composed(f"/{topic.lstrip('/')}") if child is None else child
                 trajectory = trajectories.setdefault(
                     key, _Trajectory(where if child is None else f"{where}: {child}", is_static, _is_estimate(kind))
                 )
@@ -232,7 +238,7 @@ def _poses_of(kind: MessageType, data: bytes, where: str) -> Iterator[tuple[str 
 
 
 def _plain(frame: object) -> str:
-    return str(frame).removeprefix("/")  # tf's old names began with a slash
+    return composed(str(frame)).removeprefix("/")  # tf's old names began with a slash
 
 
 def _apart(bodies: Mapping[str, _Trajectory]) -> Iterator[str]:

@@ -8,6 +8,7 @@ from unicodedata import normalize
 
 import pytest
 
+from harness.cli.options import composed_name
 from harness.clips.add import add_clip
 from harness.clips.manifest import load_manifest
 from harness.clips.manifest_text import with_change
@@ -15,9 +16,10 @@ from harness.labels.formats.exchange import NameLog, file_name
 from harness.report.experiment_run import run_plainly
 from harness.report.write import rescore
 from harness.run.experiment import load_experiment
+from harness.score.subset import Condition
 from tests.disk import write_text
 from tests.experiments import experiment_of
-from tests.measured import measured_tables, true_labels
+from tests.measured import measured_tables, motive_file, open_measured, pose, ros_file, true_labels
 from vfoa.errors import VfoaError
 
 COMPOSED, APART = (normalize(form, "José") for form in ("NFC", "NFD"))
@@ -72,3 +74,25 @@ def test_a_manifest_has_a_name_once_and_can_be_changed(tmp_path: Path, monkeypat
     write_text(path, path.read_text(encoding="utf-8") + f'\n[targets."{APART}"]\ncategory = "bowl"\n')
     with pytest.raises(VfoaError, match=r"twice, with accents in two forms"):
         load_manifest("talk")
+
+
+@pytest.mark.parametrize(("in_file", "in_source"), [(COMPOSED, APART), (APART, COMPOSED)])
+def test_a_source_finds_its_bodies_in_either_form(tmp_path: Path, in_file: str, in_source: str) -> None:
+    bodies = {in_file: pose([0, 1.6, 0]), f"{in_file}'s cup": pose([1, 1, 0])}
+    heads, cup = {"anna": {"body": in_source}}, f"{in_source}'s cup"
+    fixed = {f"{in_source}'s door": {"center_m": [0, 0, 3]}}
+    take = motive_file(tmp_path / "take.csv", bodies)
+    clip = open_measured("motive", tmp_path, file=take.name, heads=heads, sizes_m={cup: [1, 1, 1]}, objects=fixed)
+    assert set(clip.objects) == {f"{COMPOSED}'s cup", f"{COMPOSED}'s door"}
+    bag = ros_file(tmp_path / "take.bag", bodies)
+    clip = open_measured("ros_poses", tmp_path, file=bag.name, heads=heads, bodies=[cup])
+    assert set(clip.objects) == {f"{COMPOSED}'s cup"}
+    both = {f"{COMPOSED}": {"center_m": [0, 0, 3]}, f"{APART}": {"center_m": [0, 0, 4]}}
+    with pytest.raises(ValueError, match=r"twice, with accents in two forms"):
+        open_measured("motive", tmp_path, file=take.name, heads=heads, objects=both)
+
+
+def test_a_name_on_the_command_line_is_that_of_the_tables_in_either_form() -> None:
+    assert Condition.parse(f"target=mug|{APART}").values == ("mug", COMPOSED)
+    assert composed_name(APART) == COMPOSED
+    assert composed_name(None) is None
