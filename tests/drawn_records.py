@@ -36,6 +36,7 @@ def records(draw: st.DrawFn) -> FrameRecord:
                 box_px=st.none() | boxes_px,
                 points=st.integers(0, 10**6),
                 box=st.none() | boxes,
+                depth_from=st.none() | st.integers(0, 2**62),
             )
         )
         for instance in instances
@@ -64,6 +65,7 @@ def records(draw: st.DrawFn) -> FrameRecord:
         fit=st.none() | fits,
         no_gaze=st.none() | st.just("face_turned_away"),
         head_width_m=st.none() | numbers,
+        depth_from=st.none() | st.integers(0, 2**62),
     )
     return FrameRecord(
         clip=draw(st.text()),

@@ -103,6 +103,7 @@ def _scene_rows(record: FrameRecord) -> dict[str, Iterable[Row]]:
             (
                 *(frame, each.instance_id, each.name, each.label, None, 0, True, each.score, each.box_px, each.points),
                 *((each.box.center_m, each.box.half_size_m, sum(each.box.axes, ())) if each.box else (None,) * 3),
+                each.depth_from,
             )
             for each in record.targets
         ],
@@ -120,7 +121,7 @@ def _directions_rows(record: FrameRecord, filtered: Sequence[str]) -> dict[str, 
         "directions": [
             (
                 *(record.frame, each.track_id, each.eye_origin_m, raw("gaze", each.gaze), each.gaze_sigma_rad),
-                *(each.no_gaze, raw("head", each.head), None, each.head_width_m),
+                *(each.no_gaze, raw("head", each.head), None, each.head_width_m, each.depth_from),
             )
             for each in record.subjects
         ],

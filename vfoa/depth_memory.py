@@ -8,7 +8,7 @@ direction it is, and its distance hardly changes within a few frames.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -19,35 +19,48 @@ from vfoa.types import Float, Person, StereoRig, Target
 _Measured = TypeVar("_Measured")
 
 
+@dataclass(frozen=True, slots=True)
+class _Last(Generic[_Measured]):
+    """What was measured last: in the frame of this number, ``age`` frames ago."""
+
+    measured: _Measured
+    frame: int
+    age: int = 0
+
+
 class _LastMeasured(Generic[_Measured]):
-    """What was measured last, by number, and the frames since then."""
+    """What was measured last, by number."""
 
     def __init__(self) -> None:
-        self._measured: dict[int, _Measured] = {}
-        self._ages: dict[int, int] = {}
+        self._last: dict[int, _Last[_Measured]] = {}
 
-    def step(self, measured: Mapping[int, _Measured]) -> Mapping[int, _Measured]:
+    def step(self, frame: int, measured: Mapping[int, _Measured]) -> Mapping[int, _Last[_Measured]]:
         """Return what was last measured within ``PATIENCE`` frames of those who are not measured in this one."""
-        self._ages = {id_: age + 1 for id_, age in self._ages.items() if id_ not in measured and age < PATIENCE}
-        last = {id_: self._measured[id_] for id_ in self._ages}
-        self._ages |= dict.fromkeys(measured, 0)
-        self._measured = {**last, **measured}
-        return last
+        held = {
+            id_: replace(last, age=last.age + 1)
+            for id_, last in self._last.items()
+            if id_ not in measured and last.age < PATIENCE
+        }
+        self._last = held | {id_: _Last(each, frame) for id_, each in measured.items()}
+        return held
 
 
 class DepthMemory:
     """The last measured target of each instance of one sequence, frame by frame.
 
     Instances must keep their numbers (:class:`vfoa.instance_tracking.InstanceTracker`). After ``PATIENCE`` frames
-    without a depth, also frames that miss the object, it has no box.
+    without a depth, also frames that miss the object, it has no box. ``depth_from`` says whose depth it is.
     """
 
     def __init__(self) -> None:
         self._last = _LastMeasured[Target]()
 
-    def step(self, targets: tuple[Target, ...], rig: StereoRig) -> tuple[Target, ...]:
-        """Return the targets of the next frame, those without a box at their last depth; the same if all have one."""
-        last = self._last.step({target.instance.id: target for target in targets if target.box is not None})
+    def step(self, frame: int, targets: tuple[Target, ...], rig: StereoRig) -> tuple[Target, ...]:
+        """Return the targets of the next frame, of this number, those without a box at their last depth.
+
+        The same if all have one.
+        """
+        last = self._last.step(frame, {target.instance.id: target for target in targets if target.box is not None})
         if not any(target.instance.id in last for target in targets):
             return targets
         return tuple(
@@ -62,13 +75,16 @@ class EyeMemory:
     def __init__(self) -> None:
         self._last = _LastMeasured[Person]()
 
-    def step(self, people: tuple[Person, ...], tracks: Sequence[int | None], rig: StereoRig) -> tuple[Person, ...]:
-        """Return the people of the next frame, those without an eye origin at their last depth.
+    def step(
+        self, frame: int, people: tuple[Person, ...], tracks: Sequence[int | None], rig: StereoRig
+    ) -> tuple[Person, ...]:
+        """Return the people of the next frame, of this number, those without an eye origin at their last depth.
 
         ``tracks`` are their tracks, in their order (None: not followed). The same people if all have an origin.
         """
         known = {track: person for track, person in zip(tracks, people, strict=True) if track is not None}
-        last = self._last.step({track: each for track, each in known.items() if each.eye_origin_left is not None})
+        measured = {track: each for track, each in known.items() if each.eye_origin_left is not None}
+        last = self._last.step(frame, measured)
         if not any(track in last for track in known):
             return people
         return tuple(
@@ -77,22 +93,25 @@ class EyeMemory:
         )
 
 
-def _moved(measured: Target, now: Target, rig: StereoRig) -> Target:
+def _moved(last: _Last[Target], now: Target, rig: StereoRig) -> Target:
     """The target with the cloud and box that were measured, moved sideways as the middle of its mask."""
+    measured = last.measured
     if measured.box is None or measured.box_px is None or now.box_px is None:
         return now
     shift_m = _shift_m(measured.box_px, now.box_px, float(measured.box.center_m[2]), rig)
     box = replace(measured.box, center_m=measured.box.center_m + shift_m)
-    return replace(now, points_left=(measured.points_left + shift_m).astype(np.float32), box=box)
+    points_left = (measured.points_left + shift_m).astype(np.float32)
+    return replace(now, points_left=points_left, box=box, depth_from=last.frame)
 
 
-def _seen_again(measured: Person, now: Person, rig: StereoRig) -> Person:
+def _seen_again(last: _Last[Person], now: Person, rig: StereoRig) -> Person:
     """The person with the eye origin that was measured, moved sideways as the middle of the head's box."""
+    measured = last.measured
     if measured.eye_origin_left is None or measured.head is None or now.head is None:
         return now
     depth_m = float(measured.eye_origin_left[2])
     shift_m = _shift_m(measured.head.box_px, now.head.box_px, depth_m, rig)
-    return replace(now, eye_origin_left=measured.eye_origin_left + shift_m)
+    return replace(now, eye_origin_left=measured.eye_origin_left + shift_m, depth_from=last.frame)
 
 
 def _shift_m(before_px: Float, now_px: Float, depth_m: float, rig: StereoRig) -> Float:

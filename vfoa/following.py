@@ -32,6 +32,6 @@ class Following:
         percepts = self._instances.step(joined.instances).renumber(joined)
         scene = reconstruct(percepts, self._settings)
         tracked = self._tracker.step(scene.people)
-        targets = self._depths.step(scene.targets, percepts.rig)
-        people = self._eyes.step(scene.people, tracked.ids, percepts.rig)
+        targets = self._depths.step(scene.index, scene.targets, percepts.rig)
+        people = self._eyes.step(scene.index, scene.people, tracked.ids, percepts.rig)
         return percepts, replace(scene, targets=targets, people=people), tracked

@@ -377,13 +377,15 @@ class Target:
     """An object that can be looked at: an instance, its cloud (N, 3) in metres (camera frame), and its box.
 
     ``box`` is None if too few points were known. ``box_px`` (4,) is the extent of the mask; None if the target was
-    measured without an image.
+    measured without an image. ``depth_from`` is the number of the frame whose depth places it, if this frame measured
+    none of it (:mod:`vfoa.depth_memory`); None otherwise.
     """
 
     instance: Instance
     box_px: Float | None
     points_left: Map
     box: Box3D | None
+    depth_from: int | None = None
 
     def __post_init__(self) -> None:
         if self.box_px is not None:
@@ -396,12 +398,14 @@ class Person:
     """A person in the scene: the head, the person's instance, and the eye origin (3,) in metres, None if not known.
 
     ``view`` holds only the cues if the person was measured without an image. The source then identifies the person, and
-    ``instance_id`` is the same in every frame.
+    ``instance_id`` is the same in every frame. ``depth_from`` is the number of the frame whose depth places the eyes,
+    if this frame measured none (:mod:`vfoa.depth_memory`); None otherwise.
     """
 
     view: Cues
     instance_id: int | None
     eye_origin_left: Float | None
+    depth_from: int | None = None
 
     def __post_init__(self) -> None:
         if self.head is None and self.instance_id is None:

@@ -265,7 +265,8 @@ class Perception:
                 place = ("reconstruction", guarded, "reconstruction")
                 targets = memo.call(*place, place_targets, *seen, settings)
                 if (depths := group.depths[name]) not in deep:
-                    deep[depths] = _following(guarded, "reconstruction", depths.step, targets, percepts.rig)
+                    of_frame = (frame.index, targets, percepts.rig)
+                    deep[depths] = _following(guarded, "reconstruction", depths.step, *of_frame)
                 targets, seconds = deep[depths]
                 memo.charge("reconstruction", seconds)
                 scene = memo.call(*place, place_people, percepts, targets, settings)
@@ -273,7 +274,7 @@ class Perception:
                 memo.charge("tracking", seconds)
                 if (ids := of_people(tracked.ids)) is not tracked.ids:
                     tracked = replace(tracked, ids=ids)
-                people = self._eyes[name].step(scene.people, tracked.ids, percepts.rig)
+                people = self._eyes[name].step(frame.index, scene.people, tracked.ids, percepts.rig)
                 if (namer := group.namers[name]) not in named:
                     named[namer] = _following(namer.step, scene, tracked)
                 names, seconds = named[namer]

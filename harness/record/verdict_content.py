@@ -157,7 +157,13 @@ def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
     types = dict.fromkeys(verdict.error_type for verdict in verdicts if verdict.error_type)
     meanings = [f"{error_type.replace('_', ' ')}: {ERROR_TYPES[error_type]}\n" for error_type in types]
     probable = {verdict.subject for verdict in verdicts if verdict.confidence is not None}
-    parts = *meanings, *_masks_note(record), *_prediction_sets(record, probable), *_attention_table(record, probable)
+    parts = (
+        *meanings,
+        *_masks_note(record),
+        *_depth_note(record),
+        *_prediction_sets(record, probable),
+        *_attention_table(record, probable),
+    )
     return "\n".join([*lines, "", *parts]) + "\n"
 
 
@@ -167,6 +173,15 @@ def _masks_note(record: FrameRecord) -> list[str]:
         return []
     age = f", {record.masks_age_s:.2f} s old" if record.masks_age_s else ""
     return [f"Masks: carried from frame {record.masks_from}{age}\n"]
+
+
+def _depth_note(record: FrameRecord) -> list[str]:
+    """A line if boxes or eyes are at the depth of an earlier frame."""
+    targets, people = target_names(record), subject_names(record)
+    held = [(targets[each.instance_id], each.depth_from) for each in record.targets]
+    held += [(f"the eyes of {people[each.track_id]}", each.depth_from) for each in record.subjects]
+    words = [f"{_cell(name)} from {frame}" for name, frame in held if frame is not None]
+    return [f"Depth of earlier frames: {', '.join(words)}\n"] if words else []
 
 
 def _prediction_sets(record: FrameRecord, probable: Collection[str]) -> list[str]:

@@ -69,7 +69,8 @@ class SceneColumns:
     ``firsts[k + 1]``; ``names`` (N,) are codes of their names. Boxes in the image (N, 4), px, and centres of 3D boxes
     (N, 3), metres in the left camera's frame, are NaN where there are none. ``person_at`` (P,) is the place of a
     person's frame, ``bodies`` the id of the person's instance, :data:`NO_ID` without one, ``head_heights_px`` (P,) the
-    height of the head's box, NaN without images.
+    height of the head's box, NaN without images. ``is_held`` (N,) says which 3D boxes are at the depth of an earlier
+    frame.
     """
 
     frames: NDArray[np.int64]
@@ -82,6 +83,7 @@ class SceneColumns:
     names: Codes
     boxes_px: Float
     centers_m: Float
+    is_held: Flags
     person_at: Codes
     tracks: NDArray[np.int64]
     person_names: Codes
@@ -98,7 +100,8 @@ class SceneColumns:
 class LookColumns:
     """Where the people of a clip look (P, 3): eyes in metres, directions after the filter; NaN: not known.
 
-    ``no_gaze`` are codes of reasons, ``head_widths_m`` (P,) widths of heads.
+    ``no_gaze`` are codes of reasons, ``head_widths_m`` (P,) widths of heads; ``is_held`` (P,) says which eyes are at
+    the depth of an earlier frame.
     """
 
     eyes_m: Float
@@ -106,6 +109,7 @@ class LookColumns:
     head: Float
     no_gaze: Codes
     head_widths_m: Float
+    is_held: Flags
 
 
 def _none(columns: tuple[str, ...]) -> Float:

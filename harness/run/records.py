@@ -28,7 +28,8 @@ class BoxRecord:
 class TargetRecord:
     """One instance of a frame. ``name`` is the manifest's name for it, or ``label#id``; names may repeat.
 
-    ``box_px`` is None if the clip has no images.
+    ``box_px`` is None if the clip has no images. ``depth_from`` is the frame whose depth places the box,
+    None for this one.
     """
 
     instance_id: int
@@ -38,6 +39,7 @@ class TargetRecord:
     box_px: BoxPx | None
     points: int
     box: BoxRecord | None
+    depth_from: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +60,8 @@ class SubjectRecord:
     frame. ``missing`` is ``no_eyes_3d``, ``no_direction`` or None. ``focus`` is the instance id with the most
     attention, None for nowhere. ``head_box_px`` is None if the clip has no images. ``fit`` is set if the attention is a
     probability. ``no_gaze`` is the gaze model's reason to give none: ``face_turned_away`` or None. ``head_width_m`` is
-    the width of the head's box at the depth of the eyes; None if either is not known.
+    the width of the head's box at the depth of the eyes; None if either is not known. ``depth_from`` is the frame whose
+    depth places the eyes; None: this one.
     """
 
     track_id: int
@@ -76,6 +79,7 @@ class SubjectRecord:
     fit: DirectionFit | None = None
     no_gaze: str | None = None
     head_width_m: float | None = None
+    depth_from: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,6 +161,7 @@ def _target(target: Target, name: str) -> TargetRecord:
         box_px=None if target.box_px is None else _box_px(target.box_px),
         points=len(target.points_left),
         box=None if target.box is None else _box(target.box),
+        depth_from=target.depth_from,
     )
 
 
@@ -189,6 +194,7 @@ def _subject(attention: Attention, fx_px: float | None) -> SubjectRecord:
         tied=attention.tied,
         fit=attention.fit,
         head_width_m=head_width_m(subject.person, fx_px),
+        depth_from=subject.person.depth_from,
     )
 
 

@@ -225,7 +225,7 @@ def _instance(frame: int, target: Target, name: str) -> Row:
     solid = (box.center_m, box.half_size_m, box.left_from_box.T.ravel()) if box else (None, None, None)
     return (
         *(frame, instance.id, name, instance.label, instance.name, instance.category_id, instance.is_thing),
-        *(instance.score, target.box_px, len(target.points_left), *solid),
+        *(instance.score, target.box_px, len(target.points_left), *solid, target.depth_from),
     )
 
 
@@ -253,6 +253,7 @@ def _looks(frame: int, track: int, person: Person, fx_px: float | None) -> Row:
         no_gaze.cause if no_gaze else None,
         *((head.direction, head.sigma_rad) if head else (None, None)),
         head_width_m(person, fx_px),
+        person.depth_from,
     )
 
 

@@ -98,7 +98,7 @@ def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]
     about = tables.read("frames", ("frame", "time_ns", "has_truth", "fx_px", "baseline_m", "has_right"))
     frames = _numbers(about, "frame")
     check_ascending(tables.paths["frames"], frames.tolist())
-    of_instances = ("frame", "instance_id", "name", "box_px", "center_m")
+    of_instances = ("frame", "instance_id", "name", "box_px", "center_m", "depth_from")
     instances, instance_at = _in_order(tables, "instances", of_instances, frames)
     ids = _numbers(instances, "instance_id")
     _check_distinct(frames, instance_at, ids, tables.paths["instances"])
@@ -118,6 +118,7 @@ def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]
         names=_words(instances, "name", words, names_now),
         boxes_px=_vectors(instances, "box_px", 4),
         centers_m=_vectors(instances, "center_m", 3),
+        is_held=is_known(_column(instances, "depth_from")),
         person_at=person_at,
         tracks=_numbers(people, "track_id"),
         person_names=_words(people, "name", words),
@@ -128,7 +129,7 @@ def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]
 
 def look_columns(scene: SceneColumns, tables: TableFiles, words: Words) -> LookColumns:
     """Read where the people of a scene look; a :class:`VfoaError` says that the tables do not fit each other."""
-    names = ("frame", "track_id", "eye_origin_m", "gaze", "head", "no_gaze", "head_width_m")
+    names = ("frame", "track_id", "eye_origin_m", "gaze", "head", "no_gaze", "head_width_m", "depth_from")
     table = _of_people(scene, tables, "directions", names)
     eyes_m, gaze, head = (_vectors(table, name, 3) for name in ("eye_origin_m", "gaze", "head"))
     return LookColumns(
@@ -137,6 +138,7 @@ def look_columns(scene: SceneColumns, tables: TableFiles, words: Words) -> LookC
         head=head,
         no_gaze=_words(table, "no_gaze", words),
         head_widths_m=_floats(table, "head_width_m"),
+        is_held=is_known(_column(table, "depth_from")),
     )
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pyarrow as pa  # type: ignore[import-untyped]
     from pyarrow.parquet import ParquetFile  # type: ignore[import-untyped]
 
-FORMAT = b"3"
+FORMAT = b"4"
 GROUP_FRAMES = 600
 """Most frames of a row group; the row groups of all tables of a clip have the same frames."""
 

@@ -161,12 +161,19 @@ def rows_by_frame(path: Path, table: str, group: int, frames: Sequence[int]) -> 
 @lru_cache(maxsize=1024)
 def target_record(row: Row) -> TargetRecord:
     """The record of a row of ``instances``; equal rows, such as those of objects at rest, share one record."""
-    instance_id, name, label, _, _, _, score, box_px, points, center_m, half_size_m, axes = row
+    instance_id, name, label, _, _, _, score, box_px, points, center_m, half_size_m, axes, depth_from = row
     box = None
     if None not in (center_m, half_size_m, axes):
         box = BoxRecord(center_m=center_m, half_size_m=half_size_m, axes=(axes[:3], axes[3:6], axes[6:]))
     return TargetRecord(
-        instance_id=instance_id, name=name, label=label, score=score, box_px=box_px, points=points, box=box
+        instance_id=instance_id,
+        name=name,
+        label=label,
+        score=score,
+        box_px=box_px,
+        points=points,
+        box=box,
+        depth_from=depth_from,
     )
 
 
@@ -193,7 +200,7 @@ def _subject(frame: int, person: Row, direction: Row, answer: Row, filtered: tup
     if not person[0] == direction[0] == answer[0]:
         raise ValueError(f"frame {frame}: expected the tracks of people and directions, found {answer[0]}")
     track_id, name, instance_id, head_box_px, *_ = person
-    _, eye_origin_m, gaze, gaze_sigma_rad, no_gaze, head, _, head_width_m = direction
+    _, eye_origin_m, gaze, gaze_sigma_rad, no_gaze, head, _, head_width_m, depth_from = direction
     _, missing, focus, tied, targets, of_gaze, of_head, totals, fit, gaze_filtered, head_filtered = answer
     return SubjectRecord(
         track_id=track_id,
@@ -214,4 +221,5 @@ def _subject(frame: int, person: Row, direction: Row, answer: Row, filtered: tup
         fit=fit,
         no_gaze=no_gaze,
         head_width_m=head_width_m,
+        depth_from=depth_from,
     )

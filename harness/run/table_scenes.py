@@ -152,7 +152,7 @@ def _target(row: Row, clouds: Clouds, path: Path, cloud_points: int) -> Target:
 @lru_cache(maxsize=1024)
 def _bare_target(row: Row) -> Target:
     """The target of a row of ``instances``, without a cloud: the same one for rows that are equal."""
-    number, _, label, own_name, category_id, is_thing, score, box_px, _, center_m, half_size_m, axes = row
+    number, _, label, own_name, category_id, is_thing, score, box_px, _, center_m, half_size_m, axes, depth_from = row
     return Target(
         instance=Instance(
             id=number, label=label, category_id=category_id, is_thing=is_thing, score=score, name=own_name
@@ -166,12 +166,13 @@ def _bare_target(row: Row) -> Target:
             half_size_m=np.array(half_size_m),
             left_from_box=np.array(axes).reshape(3, 3).T.copy(),
         ),
+        depth_from=depth_from,
     )
 
 
 def _person(person: Row, look: Row) -> Person:
     _, _, instance_id, head_box_px, head_score, _ = person
-    _, eye_origin_m, gaze, gaze_sigma_rad, no_gaze, head, head_sigma_rad, _ = look
+    _, eye_origin_m, gaze, gaze_sigma_rad, no_gaze, head, head_sigma_rad, _, depth_from = look
     cues: dict[str, Any] = {
         "head_pose": None if head is None else HeadPose(direction=np.array(head), sigma_rad=head_sigma_rad),
         "gaze": None if gaze is None else Gaze(direction=np.array(gaze), sigma_rad=gaze_sigma_rad),
@@ -179,7 +180,8 @@ def _person(person: Row, look: Row) -> Person:
     }
     in_image = head_box_px is not None
     view = HeadView(head=Head(box_px=np.array(head_box_px), score=head_score), **cues) if in_image else Cues(**cues)
-    return Person(view=view, instance_id=instance_id, eye_origin_left=_array(eye_origin_m))
+    eyes_m = _array(eye_origin_m)
+    return Person(view=view, instance_id=instance_id, eye_origin_left=eyes_m, depth_from=depth_from)
 
 
 def _array(numbers: tuple[float, ...] | None) -> Float | None:

@@ -82,6 +82,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "center_m": Column("vec3?", "Centre of the 3D box in the left camera's frame, m; null: no box."),
         "half_size_m": Column("vec3?", "Half extents of the 3D box along its axes, m."),
         "axes": Column("vec9?", "Axes of the 3D box, three unit vectors one after the other."),
+        "depth_from": Column("int64?", "Frame whose depth places the 3D box; null: this one's, or there is no box."),
     },
     "objects": {
         **_of("clip", "scene"),
@@ -119,6 +120,7 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "head": Column("vec3?", "Unit vector of the head's direction as measured."),
         "head_sigma_rad": Column("double?", "Error that the head pose model claims, rad."),
         "head_width_m": Column("double?", "Width of the head's box at the depth of the eyes, m."),
+        "depth_from": Column("int64?", "Frame whose depth places the eyes; null: this one's, or none is known."),
     },
     "true_people": {
         **_of("clip", "scene", "directions"),

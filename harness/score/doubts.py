@@ -22,6 +22,8 @@ SMALL_HEAD_PX = 60
 COARSE_DEPTH_M = 0.25
 """Error of the depth of eyes by half a pixel of disparity above which it outweighs that of a gaze: at a thing that is a
 metre away, it is 14 degrees."""
+HELD_SHARE = 0.1
+"""Share of boxes or eyes at the depth of an earlier frame above which a matcher is said to miss them."""
 
 Settings = Mapping[str, Any]
 """The settings of a configuration, as a run's manifest has them."""
@@ -33,6 +35,7 @@ def data_notes(judged: Mapping[Pair, PairVerdicts], settings: Mapping[str, Setti
         _other_axes,
         _other_unit,
         _small_heads,
+        _held_depth,
         _coarse_depth,
     )
     notes = []
@@ -88,6 +91,18 @@ def _coarse_depth(part: PairVerdicts, settings: Settings) -> str:
     return (
         f"eyes are {depth_m:.1f} m away (median), where half a pixel of disparity is {step_m / 2:.2f} m: film nearer, "
         "with more pixels, or with cameras that are further apart"
+    )
+
+
+def _held_depth(part: PairVerdicts, settings: Settings) -> str:
+    """Objects or eyes without a depth in many frames."""
+    shares = {"3D boxes": part.held_boxes, "eyes": part.held_eyes}
+    missed = [f"{100 * share:.0f} % of the {name}" for name, share in shares.items() if share > HELD_SHARE]
+    if not missed:
+        return ""
+    return (
+        f"{' and '.join(missed)} are where an earlier frame measured them (depth_from in the tables), since their own "
+        "frame has too little depth: rates hide it while people and objects rest; another matcher may find more"
     )
 
 

@@ -117,6 +117,7 @@ class PairVerdicts:
     ``aims`` (n, 2, 3) are some directions, each with the vector from the eyes to what the label says.
     ``head_widths_m`` and ``head_heights_px`` are some widths and heights of heads, ``depths_m`` some depths of eyes (n,
     2), each with the change of it by a pixel of disparity, ``targets`` the names of all targets that were found.
+    ``held_boxes`` and ``held_eyes`` are the shares of 3D boxes and eyes at the depth of an earlier frame, 0 of none.
     """
 
     words: Words
@@ -129,6 +130,8 @@ class PairVerdicts:
     head_widths_m: Float
     head_heights_px: Float
     depths_m: Float
+    held_boxes: float
+    held_eyes: float
     targets: frozenset[str]
 
     def is_in(self, frames: NDArray[np.int64], phase: str) -> Flags:
@@ -178,8 +181,14 @@ def judge_columns(
         head_widths_m=widths_m[~np.isnan(widths_m) & (widths_m != 0)],
         head_heights_px=heights_px[~np.isnan(heights_px)],
         depths_m=np.stack([depths_m, steps_m], axis=1)[np.isfinite(steps_m)],
+        held_boxes=_share(scene.is_held[~np.isnan(scene.centers_m[:, 0])]),
+        held_eyes=_share(looks.is_held[~np.isnan(looks.eyes_m[:, 0])]),
         targets=frozenset(str(word) for word in words.words(np.unique(scene.names))),
     )
+
+
+def _share(flags: Flags) -> float:
+    return float(flags.mean()) if len(flags) else 0.0
 
 
 def _phases(scene: SceneColumns, words: Words, phases: Mapping[int, str]) -> Codes:

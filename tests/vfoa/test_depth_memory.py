@@ -48,21 +48,23 @@ def placed(percepts: Percepts) -> tuple[Target, ...]:
 
 def test_an_object_without_a_depth_is_where_its_last_depth_puts_it() -> None:
     memory = DepthMemory()
-    (before, _), blind = memory.step(placed(scene()), RIG), placed(scene(of=(OTHER,)))
-    (after, other) = memory.step(blind, RIG)
+    (before, _), blind = memory.step(7, placed(scene()), RIG), placed(scene(of=(OTHER,)))
+    (after, other) = memory.step(8, blind, RIG)
+    (later, _) = memory.step(9, blind, RIG)
     assert before.box is not None
     assert after.box is not None
     assert blind[0].box is None
     np.testing.assert_allclose(after.box.center_m, before.box.center_m)
     np.testing.assert_array_equal(after.points_left, before.points_left)
     assert other is blind[1]
+    assert [each.depth_from for each in (before, after, later, other)] == [None, 7, 7, None]
 
 
 @pytest.mark.parametrize("moved_m", [-0.1, 0.05, 0.2])
 def test_it_moves_with_its_mask(moved_m: float) -> None:
     memory, true = DepthMemory(), placed(scene(-0.4 + moved_m))[0]
-    memory.step(placed(scene()), RIG)
-    after = memory.step(placed(scene(-0.4 + moved_m, of=(OTHER,))), RIG)[0]
+    memory.step(1, placed(scene()), RIG)
+    after = memory.step(2, placed(scene(-0.4 + moved_m, of=(OTHER,))), RIG)[0]
     assert true.box is not None
     assert after.box is not None
     # from elsewhere, the camera sees another part of its side
@@ -71,24 +73,24 @@ def test_it_moves_with_its_mask(moved_m: float) -> None:
 
 def test_after_some_frames_its_depth_is_not_known() -> None:
     memory = DepthMemory()
-    memory.step(placed(scene()), RIG)
-    found = [memory.step(placed(scene(of=(OTHER,))), RIG)[0].box for _ in range(PATIENCE + 2)]
+    memory.step(1, placed(scene()), RIG)
+    found = [memory.step(2 + n, placed(scene(of=(OTHER,))), RIG)[0].box for n in range(PATIENCE + 2)]
     assert [box is not None for box in found] == [True] * PATIENCE + [False] * 2
 
 
 def test_frames_that_miss_the_object_count() -> None:
     memory = DepthMemory()
-    memory.step(placed(scene()), RIG)
-    for _ in range(PATIENCE):
-        memory.step((), RIG)
+    memory.step(1, placed(scene()), RIG)
+    for n in range(PATIENCE):
+        memory.step(2 + n, (), RIG)
     blind = placed(scene(of=(OTHER,)))
-    assert memory.step(blind, RIG) is blind
+    assert memory.step(2 + PATIENCE, blind, RIG) is blind
 
 
 def test_what_never_had_a_depth_has_none_and_what_has_one_stays() -> None:
     memory, blind, seen = DepthMemory(), placed(scene(of=(OTHER,))), placed(scene())
-    assert memory.step(blind, RIG) is blind
-    assert memory.step(seen, RIG) is seen
+    assert memory.step(1, blind, RIG) is blind
+    assert memory.step(2, seen, RIG) is seen
 
 
 HEAD_PX = (100.0, 40.0, 130.0, 80.0)
@@ -103,20 +105,21 @@ def person(origin: tuple[float, float, float] | None, by_px: float = 0.0) -> Per
 def test_eyes_without_a_depth_are_where_their_last_depth_puts_them() -> None:
     memory = EyeMemory()
     both = person((-0.2, -0.3, 2.0)), person((0.5, -0.3, 3.0))
-    assert memory.step(both, (1, 2), RIG) is both
+    assert memory.step(7, both, (1, 2), RIG) is both
     blind = person(None, by_px=13.0), both[1], person(None)
-    moved, other, new = memory.step(blind, (1, 2, 3), RIG)
+    moved, other, new = memory.step(8, blind, (1, 2, 3), RIG)
     np.testing.assert_allclose(moved.eye_origin_left, [-0.2 + 13 * 2.0 / 260, -0.3, 2.0])
     assert (other, new.eye_origin_left) == (both[1], None)
-    found = [memory.step((person(None),), (1,), RIG)[0].eye_origin_left for _ in range(PATIENCE)]
+    assert [each.depth_from for each in (moved, other, new)] == [7, None, None]
+    found = [memory.step(9 + n, (person(None),), (1,), RIG)[0].eye_origin_left for n in range(PATIENCE)]
     assert [origin is not None for origin in found] == [True] * (PATIENCE - 1) + [False]
 
 
 def test_eyes_are_those_of_the_track_and_not_of_the_place() -> None:
     memory, blind = EyeMemory(), (person(None),)
-    memory.step((person((-0.2, -0.3, 2.0)),), (1,), RIG)
-    assert memory.step(blind, (2,), RIG) is blind
-    assert memory.step(blind, (None,), RIG) is blind
+    memory.step(1, (person((-0.2, -0.3, 2.0)),), (1,), RIG)
+    assert memory.step(2, blind, (2,), RIG) is blind
+    assert memory.step(3, blind, (None,), RIG) is blind
 
 
 def test_a_person_whose_head_has_no_depth_is_answered() -> None:

@@ -37,6 +37,20 @@ def test_the_summary_says_how_probable_a_prediction_is(frames):
     assert "90 % set" not in plain
 
 
+def test_the_summary_says_which_depths_are_of_an_earlier_frame(frames):
+    record = frames[3].record
+    assert "Depth" not in summary(record, [])
+    (subject,), target = record.subjects, next(each for each in record.targets if each.name == "red cup")
+    held = replace(
+        record,
+        targets=tuple(replace(each, depth_from=11) if each is target else each for each in record.targets),
+        subjects=(replace(subject, depth_from=12),),
+    )
+    page = summary(held, [])
+    line = f"Depth of earlier frames: red cup ({target.instance_id}) from 11, the eyes of {subject.name} from 12"
+    assert line in page.splitlines()
+
+
 def test_a_name_cannot_break_the_table(frames):
     shown = frames[0]
     verdict = replace(judged(shown), subject="a|b\nc", truth="*x*")

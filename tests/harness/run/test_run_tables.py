@@ -162,7 +162,7 @@ def _with_column(name: str, values: Iterable[object]):
         (
             "frames",
             lambda path: _rewritten(path, lambda table: table.replace_schema_metadata()),
-            "of format 3, found another file",
+            "of format 4, found another file",
         ),
         ("frames", lambda path: _rewritten(path, _with_column("frame", [2, 1])), "found frame 1 after a later one"),
         ("instances", lambda path: pq.ParquetWriter(path, pq.read_schema(path)).close(), "found 0 row groups"),

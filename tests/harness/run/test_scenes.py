@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness.pipeline.ground_truth import TruthMatcher
 from harness.pipeline.perception import FollowedFrame, SharedFrame
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
@@ -19,11 +20,12 @@ from harness.run.scenes import SceneWriters
 from harness.run.table_columns import ColumnReader
 from harness.run.table_files import find_tables, read_table
 from harness.run.table_records import read_records
+from harness.run.table_scenes import read_scenes
 from tests.disk import write_text
 from tests.experiments import TRUTH, experiment_of
 from tests.records import write_manifest
 from vfoa.bayes import RAYS
-from vfoa.types import HeadView
+from vfoa.types import Disparity, HeadView, StereoFrame
 from vfoa.visible import spaced
 
 CONFIGURATIONS: dict[str, dict[str, object]] = {
@@ -47,9 +49,13 @@ def _folders(directory: RunDirectory, place: str) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def followed(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunDirectory, list[SharedFrame]]:
-    """A run, and what it has perceived."""
+    """A run, and what it has perceived. The true disparities, which one configuration takes, lack frame 2."""
     frames: list[SharedFrame] = []
-    write = SceneWriters.write
+    write, match = SceneWriters.write, TruthMatcher.match
+
+    def blinking(self: TruthMatcher, frame: StereoFrame) -> Disparity:
+        found = match(self, frame)
+        return found if frame.index != 2 else Disparity(disparity_px=np.full_like(found.disparity_px, np.nan))
 
     def noted(self: SceneWriters, shared: SharedFrame) -> None:
         frames.append(shared)
@@ -57,6 +63,7 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunDirectory, li
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SceneWriters, "write", noted)
+        patch.setattr(TruthMatcher, "match", blinking)
         return _run(tmp_path_factory.mktemp("scenes")), frames
 
 
@@ -108,6 +115,7 @@ def test_every_column_has_what_was_perceived(
             "points": len(target.points_left),
             "center_m": _plain(box.center_m),
             "half_size_m": _plain(box.half_size_m),
+            "depth_from": 1 if (configuration, each.scene.index) == ("other-depth", 2) else None,
             "axes": [*box.left_from_box[:, 0], *box.left_from_box[:, 1], *box.left_from_box[:, 2]],
         }
         assert {name: row[name] for name in expected} == expected
@@ -137,9 +145,19 @@ def test_every_column_has_what_was_perceived(
             "no_gaze": None,
             "head": _plain(view.head_pose.direction),
             "head_sigma_rad": view.head_pose.sigma_rad,
+            "depth_from": 1 if (configuration, each.scene.index) == ("other-depth", 2) else None,
         }
         assert {name: look_row[name] for name in expected} == expected
     assert len(people) == 6
+
+
+def test_scenes_say_which_depths_are_of_an_earlier_frame(followed: tuple[RunDirectory, list[SharedFrame]]) -> None:
+    directory, _ = followed
+    for configuration, of_second in (("other-depth", 1), ("raw", None)):
+        scenes = [each.scene for each in read_scenes(dict(find_tables(directory))["studio_talk", configuration])]
+        for part in ("targets", "people"):
+            found = [{each.depth_from for each in getattr(scene, part)} for scene in scenes]
+            assert found == [{None}, {of_second}, {None}]
 
 
 def test_columns_have_the_size_of_heads_and_the_step_of_depth(

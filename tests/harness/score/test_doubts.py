@@ -10,7 +10,7 @@ import pytest
 from harness.run.notes import NoteKind
 from harness.score.reference import Reference
 from harness.score.score import score as score_columns
-from tests.records import columns_by_pair, frame_record, score, subject_record
+from tests.records import columns_by_pair, frame_record, score, subject_record, target_record
 
 
 @pytest.mark.parametrize(
@@ -59,6 +59,32 @@ def test_faces_too_small_for_a_gaze_network_are_told(
     settings = {"one": {"gaze": None if gaze is None else {"model": gaze}}}
     doubts = [note.text for note in score(records, Reference(labels={}, settings=settings)).notes]
     assert ["42 px high" in text for text in doubts] == [True] * is_told
+
+
+@pytest.mark.parametrize(
+    ("boxes", "eyes", "told"),
+    [
+        (0, 0, []),
+        (1, 1, []),
+        (2, 0, ["20 % of the 3D boxes are"]),
+        (0, 3, ["30 % of the eyes are"]),
+        (2, 3, ["20 % of the 3D boxes and 30 % of the eyes are"]),
+    ],
+)
+def test_boxes_and_eyes_that_often_have_no_depth_of_their_own_are_told(boxes: int, eyes: int, told: list[str]) -> None:
+    without_box = target_record(2, "can", center=None)
+    records = [
+        frame_record(
+            [replace(target_record(1, "cup"), depth_from=0 if frame < boxes else None), without_box],
+            [replace(subject_record("girl"), depth_from=0 if frame < eyes else None), subject_record("boy", eyes=None)],
+            frame=1 + frame,
+        )
+        for frame in range(10)
+    ]
+    doubts = score(records, Reference(labels={})).notes
+    assert [(note.kind, text in note.text) for note, text in zip(doubts, told, strict=True)] == [
+        (NoteKind.DOUBT, True)
+    ] * len(told)
 
 
 @pytest.mark.parametrize(
