@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Clip, NoOpen, Port, RunConfiguration, run_directories, run_folder
-from harness.cli.terminal import ended_by_signals, say, say_forwarding, say_unknown_names
+from harness.cli.terminal import ended_by_signals, say, say_forwarding, say_unknown_names, vfoa_command
 
 
 def annotate(
@@ -65,5 +65,5 @@ def _score_again(run: Path, annotator: str | None) -> None:
         say(f"{run}: tables, page and recordings are updated")
         say_unknown_names(scores)
     else:
-        chosen = f" --annotator {annotator}" if annotator else ""
-        say(f"{run} is scored against other labels; `vfoa score {run}{chosen}` scores it against these")
+        again = vfoa_command("score", run, *(("--annotator", annotator) if annotator else ()))
+        say(f"{run} is scored against other labels; `{again}` scores it against these")

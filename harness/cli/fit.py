@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.options import Overrides, Replace, configuration_names, experiment_and_clip_names
-from harness.cli.terminal import exit_if_interrupted, say
+from harness.cli.terminal import exit_if_interrupted, say, vfoa_command
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -123,7 +122,7 @@ def _next_command(asked: str, clips: list[str], overrides: tuple[str, ...], path
         if not any(has_weights(configuration, fitted) for configuration in experiment.configurations):
             continue
         sets = (word for change in changes for word in ("--set", change))
-        return shlex.join(["vfoa", "run", *what, *sets, "--preset", str(path)])
+        return vfoa_command("run", *what, *sets, "--preset", path)
     return 'preset of a configuration with attention.method = "logit"'
 
 

@@ -21,7 +21,7 @@ from harness.cli.options import (
     experiment_and_clip_names,
     preset_names,
 )
-from harness.cli.terminal import exit_if_interrupted, say
+from harness.cli.terminal import exit_if_interrupted, say, vfoa_command
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -233,7 +233,7 @@ def _advice(plan: Plan, run: Path) -> str | None:
     if clip is None or not any(expected):
         return None
     sentences = " ".join(dict.fromkeys(filter(None, expected)))
-    return f"{clip} has no labels. {sentences} When it has some, `vfoa fit {run}` fits to them."
+    return f"{clip} has no labels. {sentences} When it has some, `{vfoa_command('fit', run)}` fits to them."
 
 
 def _report_failures(directory: RunDirectory) -> None:

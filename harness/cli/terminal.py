@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import signal
 import sys
 import time
@@ -27,6 +28,11 @@ if TYPE_CHECKING:
 def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
     """Print text that may hold names of files, clips and people; control characters in it have no effect."""
     typer.echo(shown(text), err=err, nl=nl)
+
+
+def vfoa_command(*words: object) -> str:
+    """A command of vfoa to copy into a shell: words with blanks or other signs of the shell are quoted."""
+    return shlex.join(["vfoa", *map(str, words)])
 
 
 def print_table(
@@ -158,9 +164,9 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     if not scores.is_recorded:
         say("Not recorded: to scrub, run with --recording light.")
     elif scores.wrong_frames:
-        say(f"Scrub a failure: vfoa view {run} --failures")
+        say(f"Scrub a failure: {vfoa_command('view', run, '--failures')}")
     else:
-        say(f"Scrub: vfoa view {run}")
+        say(f"Scrub: {vfoa_command('view', run)}")
 
 
 def verdict_of_run(scores: Scores, run: Path) -> list[str]:
@@ -168,7 +174,7 @@ def verdict_of_run(scores: Scores, run: Path) -> list[str]:
     from harness.report.advice import VIEW
     from harness.report.verdict import verdict_lines
 
-    return [line.replace(VIEW, f"vfoa view {run}") for line in verdict_lines(scores)]
+    return [line.replace(VIEW, vfoa_command("view", run)) for line in verdict_lines(scores)]
 
 
 _WIDEST = 1000

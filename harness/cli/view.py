@@ -21,7 +21,7 @@ from harness.cli.options import (
     run_directories,
     run_folder,
 )
-from harness.cli.terminal import ended_by_signals, say, say_forwarding, signals_as_ctrl_c
+from harness.cli.terminal import ended_by_signals, say, say_forwarding, signals_as_ctrl_c, vfoa_command
 from vfoa.errors import VfoaError, did_you_mean, listed
 
 if TYPE_CHECKING:
@@ -329,7 +329,7 @@ def catalog(
 
     with ended_by_signals(), serving([run_folder(run) for run in runs], port) as catalogue:
         for run in catalogue.unmarked:
-            say(f"vfoa: {run}: its recordings have no error types; `vfoa score {run}` adds them", err=True)
+            say(f"vfoa: {run}: its recordings have no error types; `{vfoa_command('score', run)}` adds them", err=True)
         say(f"Serving until Ctrl-C: {', '.join(catalogue.datasets)}")
         say_forwarding(urlsplit(catalogue.address).port or port)
         say(f"Viewer: rerun {catalogue.address}")

@@ -13,6 +13,7 @@ from typing import Any
 from harness.record.layers import Plain
 from harness.run.results import has_images
 from vfoa.cones import ConesSettings
+from vfoa.registry import AUTO
 
 WIDE_DEG, NARROW_DEG = 40, 20
 WIDE_CM, NARROW_CM = 40, 20
@@ -20,6 +21,7 @@ WIDE_CM, NARROW_CM = 40, 20
 
 VIEW = "vfoa view RUN"
 """The command that shows a run, as pages and tables have it, which may be read anywhere."""
+_RECORDED = "in a run with --recording light"  # in a directory of its own: this one holds the run without recordings
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +33,13 @@ class _Run:
 
     @property
     def view(self) -> str:
-        """The command that shows the run; without recordings, after a run that makes them."""
-        return VIEW if self.is_recorded else f"run with --recording light, {VIEW}"
+        """The command that shows the run; without recordings, which run can be viewed."""
+        return VIEW if self.is_recorded else _RECORDED
+
+    @property
+    def failures(self) -> str:
+        """The command that steps through the wrong frames, as :attr:`view`."""
+        return f"{VIEW} --failures" if self.is_recorded else _RECORDED
 
     def values(self, table: str, key: str) -> list[Any]:
         """The value of a setting in every configuration that has it."""
@@ -72,7 +79,7 @@ def _no_subject(run: _Run) -> Iterator[str]:
         yield "people need masks, too: let a segmenter find them (--set segmentation.people=rf_detr_seg)"
     yield "check the subject's rule in the manifest ([subjects.NAME])"
     if run.has_images:
-        yield f"see which heads were found ({run.view} --failures)"
+        yield f"see which heads were found ({run.failures})"
         yield from _faces(run)
 
 
@@ -97,13 +104,15 @@ def _face_turned_away(run: _Run) -> Iterator[str]:
     if "gaze" in run.values("attention", "weighting"):
         yield "let the head count where the gaze has no answer (--set attention.weighting=adaptive)"
     else:
-        yield f"the head counts there: see its pose ({run.view} --failures)"
+        yield f"the head counts there: see its pose ({run.failures})"
 
 
 def _no_direction(run: _Run) -> Iterator[str]:
     if run.has_images:
+        if run.configurations and not (run.values("gaze", "model") or run.values("head_pose", "model")):
+            yield f"let a model measure the gaze (--set gaze.model={AUTO})"
         yield from _faces(run)
-        yield f"see which head boxes had no answer ({run.view} --failures)"
+        yield f"see which head boxes had no answer ({run.failures})"
     else:
         yield "neither gaze nor head was measured in these frames"
     yield "coverage says how many frames have an answer"
@@ -115,7 +124,7 @@ def _no_answer(run: _Run) -> Iterator[str]:
 
 
 def _no_object(run: _Run) -> Iterator[str]:
-    yield f"see where the point lies ({run.view} --failures)"
+    yield f"see where the point lies ({run.failures})"
     if run.has_images:
         yield "give more objects a mask, or draw them (vfoa annotate CLIP, key p)"
 
@@ -132,7 +141,7 @@ def _target_not_segmented(run: _Run) -> Iterator[str]:
 
 
 def _false_attention(run: _Run) -> Iterator[str]:
-    yield f"see what was predicted instead ({run.view} --failures)"
+    yield f"see what was predicted instead ({run.failures})"
     if option := run.cones(NARROW_DEG, NARROW_CM):
         yield f"try narrower cones{option}"
     if "nearest" in run.values("attention", "method"):
@@ -144,17 +153,17 @@ def _no_hit(run: _Run) -> Iterator[str]:
     if option := run.cones(WIDE_DEG, WIDE_CM):
         yield f"try wider cones{option}"
     yield from _other_methods(run, "which always has an answer")
-    yield f"see where the rays go ({run.view} --failures)"
+    yield f"see where the rays go ({run.failures})"
 
 
 def _missed(run: _Run) -> Iterator[str]:
-    yield f"see by how much gaze and head are off ({run.view} --failures)"
+    yield f"see by how much gaze and head are off ({run.failures})"
     if option := run.cones(WIDE_DEG, WIDE_CM):
         yield f"wider cones{option} forgive more, and must be chosen on other clips"
 
 
 def _outscored(run: _Run) -> Iterator[str]:
-    yield f"see what won instead ({run.view} --failures)"
+    yield f"see what won instead ({run.failures})"
     if run.has_images:
         yield "see which stage costs the frames (vfoa run CLIP --oracle, on a clip with ground truth)"
 
@@ -195,6 +204,6 @@ NEXT_STEPS: Mapping[str, Callable[[_Run], Iterator[str]]] = {
 def advice(error_type: str, configurations: Iterable[Plain], *, recorded: bool = True) -> list[str]:
     """What to try next for an error type, in a run with these configurations, the first step first.
 
-    ``recorded``: the run has recordings; without them, steps that look at one begin with a run that makes them.
+    ``recorded``: the run has recordings; without them, steps that look at one name a run that makes them.
     """
     return list(NEXT_STEPS[error_type](_Run(tuple(configurations), recorded)))

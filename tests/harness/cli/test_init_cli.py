@@ -41,7 +41,7 @@ def test_what_it_leaves_prints_a_table_at_once_and_keeps_what_is_edited(
     assert (opened.frame(1).rig, opened.rate_hz) == (talk.frame(1).rig, talk.rate_hz)
 
     code, said, err = vfoa(monkeypatch, capsys, "run", "--recording", "none", "--workers", "1")
-    assert said.count("vfoa view") == said.count("run with --recording light, vfoa view")  # there is nothing to view
+    assert "vfoa view" not in said  # there is nothing to view
     assert said.rstrip().endswith("--recording light.")
     rows = list(csv.DictReader((tmp_path / "runs" / "first" / "frr.csv").read_text().splitlines()))
     assert (code, err, len(rows) > 3) == (0, "", True)

@@ -51,6 +51,16 @@ def _maps(folder: Path) -> Path:
     )
 
 
+def _blind(folder: Path) -> Path:
+    """An experiment without a model of gaze or head pose."""
+    stages = 'stereo.matcher = "bm"\nsegmentation.model = "truth"\nheads.detector = "person_mask"\n'
+    return write_text(
+        folder / "blind.toml",
+        f'clips = ["studio_table"]\n[defaults]\n{stages}head_pose.model = "none"\ngaze.model = "none"\n'
+        '[[configuration]]\nname = "own"\n',
+    )
+
+
 @pytest.fixture(autouse=True)
 def _no_data(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name in ("VFOA_DATA", "VFOA_MODELS"):
@@ -68,7 +78,7 @@ def _experiments(folder: Path) -> list[tuple[str, str | None]]:
     return [
         *((name, None) for name in names("experiments")),
         *presets,
-        *((str(path), None) for path in (*_methods(folder), _maps(folder))),
+        *((str(path), None) for path in (*_methods(folder), _maps(folder), _blind(folder))),
     ]
 
 
@@ -99,10 +109,21 @@ def test_every_option_that_is_advised_is_taken(tmp_path: Path) -> None:
     assert "segmentation.people=rf_detr_seg" in advised
 
 
-def test_a_run_without_recordings_is_not_viewed_before_there_are_some() -> None:
+def test_a_run_without_recordings_is_not_viewed() -> None:
     recorded, not_recorded = (advice("outscored", [], recorded=each) for each in (True, False))
     assert recorded[0] == "see what won instead (vfoa view RUN --failures)"
-    assert not_recorded[0] == "see what won instead (run with --recording light, vfoa view RUN --failures)"
+    assert not_recorded[0] == "see what won instead (in a run with --recording light)"
+    for error_type in ERROR_TYPES:
+        assert "vfoa view" not in " ".join(advice(error_type, [], recorded=False)), error_type
+
+
+def test_without_models_of_gaze_and_head_pose_one_is_advised(tmp_path: Path) -> None:
+    blind = _blind(tmp_path)
+    first, faces, *_ = advice("no_direction", _plain(_load(str(blind)), "blind"))
+    assert "(--set gaze.model=auto)" in first
+    assert "(--set heads.detector=yunet)" in faces
+    with_gaze = advice("no_direction", _plain(_load(str(blind), overrides=("gaze.model=truth",)), "blind"))
+    assert faces == with_gaze[0]
 
 
 @pytest.mark.parametrize("recorded", [True, False])

@@ -196,15 +196,16 @@ def test_the_most_frequent_error_types_are_told_with_their_share() -> None:
     assert all("Next: " in line for line in found)
 
 
-def test_a_run_without_recordings_is_not_advised_to_view_them_before_there_are_some() -> None:
+def test_a_run_without_recordings_is_advised_to_make_some() -> None:
     reference = Reference(labels={"clip": labels("cup", "cup")}, is_recorded=False)
     scores = score(answers(["cup", "dragon"]), reference)
-    assert "(run with --recording light, vfoa view RUN" in verdict_lines(scores)[-1]
+    assert "(in a run with --recording light)" in verdict_lines(scores)[-1]
 
 
 def test_on_the_terminal_the_command_to_view_a_run_names_its_folder() -> None:
     scores = score(answers(["cup", "dragon"]), Reference(labels={"clip": labels("cup", "cup")}, is_recorded=True))
     assert "(vfoa view runs/mine --failures)" in verdict_of_run(scores, Path("runs/mine"))[-1]
+    assert "(vfoa view 'my runs/1' --failures)" in verdict_of_run(scores, Path("my runs/1"))[-1]
     assert "(vfoa view RUN --failures)" in verdict_lines(scores)[-1]
 
 
