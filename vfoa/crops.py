@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vfoa.types import Float, Image
+from vfoa.types import Flags, Float, Image
 
 
 def grow(box_px: ArrayLike, *, side: float, top: float, bottom: float) -> Float:
@@ -21,6 +21,42 @@ def grow(box_px: ArrayLike, *, side: float, top: float, bottom: float) -> Float:
 def head_box(face_px: ArrayLike) -> Float:
     """Return the box (4,) of a whole head from that of its face, forehead to chin."""
     return grow(face_px, side=0.15, top=0.2, bottom=0.05)
+
+
+_FACE_ASPECT = 0.72
+"""Width of a face's box over its height; of eight faces to the camera and turned from it, 0.63 to 0.84."""
+_AT_BORDER = 0.04
+"""A box that ends this near to the border of the image, as a share of its width or height, is cut by it."""
+
+
+def reaches_border(box_px: ArrayLike, image: Image) -> bool:
+    """Return whether a box (4,) ends at the border of an image (H, W, 3), so that it may lack a part of its face."""
+    return bool(_cut_sides(np.asarray(box_px, dtype=np.float64), image).any())
+
+
+def completed(face_px: ArrayLike, image: Image) -> Float:
+    """Return the box (4,) of a whole face, of which the border of an image (H, W, 3) may cut off a side.
+
+    A detector boxes the part that it sees. The box goes on beyond the border until it has the shape of a face. A box
+    that is cut on two sides, or has this shape already, stays.
+    """
+    face = np.array(face_px, dtype=np.float64)
+    cut = _cut_sides(face, image)
+    if cut.sum() != 1:
+        return face
+    ((side,),) = np.nonzero(cut)
+    width, height = face[2:] - face[:2]
+    of_whole = _FACE_ASPECT * height if side % 2 == 0 else width / _FACE_ASPECT
+    missing = max(0.0, of_whole - (width if side % 2 == 0 else height))
+    face[side] += missing if side >= 2 else -missing
+    return face
+
+
+def _cut_sides(box: Float, image: Image) -> Flags:
+    """Which of the sides (left, top, right, bottom) of a box (4,) end at the border of an image."""
+    height, width = image.shape[:2]
+    near = _AT_BORDER * np.tile(box[2:] - box[:2], 2)
+    return np.concatenate([box[:2] < near[:2], box[2:] > np.array([width - 1, height - 1]) - near[2:]])
 
 
 def square(center_px: ArrayLike, side_px: float) -> Float:

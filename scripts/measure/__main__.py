@@ -11,6 +11,7 @@ from importlib import import_module
 NAMES = (
     "again",
     "coverage",
+    "cut_faces",
     "demo_seeds",
     "gaze_filter",
     "hours",

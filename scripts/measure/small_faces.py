@@ -16,9 +16,9 @@ import numpy as np
 from harness.report.formats import UNKNOWN, Table
 from scripts.measure.mirror import frame_of, read_rgb
 from scripts.measure.printing import print_tables
-from scripts.measure.turned_faces import Model, degrees_between, models, surest
+from scripts.measure.turned_faces import Model, answers_of, degrees_between, models, surest
 from vfoa.heads.yunet import YuNet
-from vfoa.types import Float, Head, Image, StereoFrame
+from vfoa.types import Image
 
 HEIGHTS_PX = (120, 80, 60, 48, 40, 32, 24)
 """Heights of the head's box to which photographs are shrunk."""
@@ -31,12 +31,12 @@ def measure(photograph: Path, models: Mapping[str, Model], faces: YuNet) -> dict
     image = read_rgb(photograph)
     box_px = surest(faces.faces(frame_of(image))).box_px
     whole = frame_of(shrunk(image, box_px, 1.0))
-    before = _answers(models, whole, faces.faces(whole))
+    before = answers_of(models, whole, surest(faces.faces(whole)))
     turns: dict[int, dict[str, float] | None] = {}
     for height_px in HEIGHTS_PX:
         frame = frame_of(shrunk(image, box_px, height_px / (box_px[3] - box_px[1])))
         found = faces.faces(frame)
-        now = _answers(models, frame, found)
+        now = answers_of(models, frame, surest(found)) if found else {}
         both = [name for name in now if name in before]
         turns[height_px] = {name: degrees_between(now[name], before[name]) for name in both} if found else None
     return turns
@@ -49,12 +49,6 @@ def shrunk(image: Image, box_px: Sequence[float], factor: float) -> Image:
     move = np.array([[1, 0, _SIDE_PX / 2 - factor * u], [0, 1, _SIDE_PX / 2 - factor * v]], np.float32)
     moved = cv2.warpAffine(small, move, (_SIDE_PX, _SIDE_PX), borderValue=_GRAY)
     return np.asarray(moved, dtype=np.uint8)
-
-
-def _answers(models: Mapping[str, Model], frame: StereoFrame, found: Sequence[Head]) -> dict[str, Float]:
-    """The answers of the models that have one for the surest face; none without a face."""
-    answers = {name: model(frame, surest(found)) for name, model in models.items()} if found else {}
-    return {name: direction for name, direction in answers.items() if direction is not None}
 
 
 def small_faces_table(found: Sequence[Mapping[int, Mapping[str, float] | None]], names: Sequence[str]) -> Table:

@@ -87,6 +87,12 @@ def surest(faces: Iterable[Head]) -> Head:
     return max(faces, key=lambda face: face.score)
 
 
+def answers_of(models: Mapping[str, Model], frame: StereoFrame, head: Head) -> dict[str, Float]:
+    """The answers of the models that have one for a head."""
+    answers = {name: model(frame, head) for name, model in models.items()}
+    return {name: direction for name, direction in answers.items() if direction is not None}
+
+
 def degrees_between(a: Float, b: Float) -> float:
     """The angle between two directions (3,), degrees."""
     return math.degrees(angle_between(a, b))

@@ -1,8 +1,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from vfoa.crops import center, crop, grow, square
+from vfoa.crops import center, completed, crop, grow, reaches_border, square
 
 
 def test_boxes_grow_by_shares_of_themselves() -> None:
@@ -38,3 +39,37 @@ def test_a_crop_turned_with_a_leaning_bar_shows_it_upright() -> None:
     upright = crop(image, square((50, 50), 40), 40, roll_rad=roll)[..., 0]
     assert upright[:, 18:22].min() > 200
     assert upright[:, :12].max() == 0
+
+
+IMAGE = np.zeros((200, 300, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("seen", "whole"),
+    [
+        ((0, 60, 40, 160), (-32, 60, 40, 160)),  # 40 of 72 are seen at the left
+        ((260, 60, 299, 160), (260, 60, 332, 160)),
+        ((100, 0, 172, 30), (100, -70, 172, 30)),
+        ((100, 150, 172, 199), (100, 150, 172, 250)),
+        ((100, 50, 140, 150), (100, 50, 140, 150)),  # a narrow face in the middle
+        ((0, 60, 90, 160), (0, 60, 90, 160)),  # wide enough, at the border
+        ((0, 0, 40, 30), (0, 0, 40, 30)),  # in a corner: nobody knows
+    ],
+)
+def test_a_face_cut_by_the_border_goes_on_beyond_it(seen: tuple[int, ...], whole: tuple[int, ...]) -> None:
+    np.testing.assert_allclose(completed(seen, IMAGE), whole)
+
+
+@pytest.mark.parametrize(
+    ("box", "cut"),
+    [
+        ((4, 60, 76, 160), False),
+        ((2, 60, 74, 160), True),
+        ((225, 60, 297.5, 160), True),
+        ((90, -30, 150, 80), True),
+        ((90, 92, 162, 192), False),
+        ((90, 96, 162, 196), True),
+    ],
+)
+def test_a_box_at_the_border_is_cut(box: tuple[float, ...], cut: bool) -> None:
+    assert reaches_border(box, IMAGE) is cut

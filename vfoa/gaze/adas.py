@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from vfoa.crops import center, crop, square
+from vfoa.crops import center, crop, reaches_border, square
 from vfoa.geometry import direction_from_crop, direction_to_crop, pixel_ray, sigma_rad
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
 from vfoa.types import Float, Gaze, Head, HeadPose, Image, NoGaze, StereoFrame
@@ -47,7 +47,7 @@ MOST_TURNED_DEG = 40.0
 Models of head pose read 44 degrees on a face in profile, and the farther eye is hidden before.
 """
 
-_FRONTAL_DEG, _PER_TURN = 11.0, 0.9
+_FRONTAL_DEG, _PER_TURN, _CUT_DEG = 11.0, 0.9, 9.0
 _EYEBALL, _SHARP_DETAIL, _NO_DETAIL = 0.19, 0.05, 0.22
 """Radius of an eyeball, and the finest detail of sharp eyes and of eyes blurred away, in distances between the eyes."""
 
@@ -126,7 +126,7 @@ class Adas0002:
         detail = max(_detail(eye) for eye in eyes) * EYE_SIDE
         return Gaze(
             direction=direction_from_crop(self._look(eyes[0], eyes[1], roll, angles), ray),
-            sigma_rad=claimed_sigma_rad(turned_deg, detail),
+            sigma_rad=claimed_sigma_rad(turned_deg, detail, is_cut=reaches_border(head.face_box_px, frame.left)),
         )
 
     def _look(self, left: Image, right: Image, roll: float, angles_deg: tuple[float, float]) -> Float:
@@ -145,18 +145,19 @@ class Adas0002:
         return float(outputs["angle_y_fc"][0, 0]), float(outputs["angle_p_fc"][0, 0])
 
 
-def claimed_sigma_rad(turned_deg: float, detail: float) -> float:
+def claimed_sigma_rad(turned_deg: float, detail: float, *, is_cut: bool = False) -> float:
     """The claimed error per tangent direction, for a head turned from the camera and eyes with this finest detail.
 
-    ``detail`` is a length in distances between the eyes. The mean angle is the root of the sum of three squares:
+    ``detail`` is a length in distances between the eyes. The mean angle is the root of the sum of four squares:
 
     - 11.0 degrees of faces to the camera that look into it.
     - 0.9 of the angle that the head is turned: labelled faces of two people, 16.6 degrees for the frontal one and 36.2
       for the other, worse than the head alone; the slope of gaze over true yaw is 0.7, and the head is underestimated.
     - the angle of an eyeball (radius 12 of 63 mm, 0.19) whose iris is off by half of the detail beyond a sharp eye's.
+    - 9 degrees of a face of which the image's border cuts off a part (``python -m scripts.measure cut_faces``).
     """
     unsharp_deg = math.degrees(max(0.0, detail - _SHARP_DETAIL) / 2 / _EYEBALL)
-    return sigma_rad(math.hypot(_FRONTAL_DEG, _PER_TURN * turned_deg, unsharp_deg))
+    return sigma_rad(math.hypot(_FRONTAL_DEG, _PER_TURN * turned_deg, unsharp_deg, _CUT_DEG * is_cut))
 
 
 def _turned_deg(yaw_deg: float, pitch_deg: float) -> float:

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from pydantic import Field
 
-from vfoa.crops import center, crop, grow
+from vfoa.crops import center, crop, grow, reaches_border
 from vfoa.geometry import angle_between, direction_from_crop, gaze_direction_crop, pixel_ray, sigma_rad
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
 from vfoa.types import Float, Gaze, Head, HeadPose, Map, NoGaze, StereoFrame
@@ -27,7 +27,7 @@ SIGNATURE = Signature(
     by_position=True,
 )
 
-_FRONTAL_DEG, _PER_TURN = 14.0, 0.3
+_FRONTAL_DEG, _PER_TURN, _CUT_DEG = 14.0, 0.3, 15.0
 
 
 class L2cs:
@@ -96,7 +96,8 @@ class L2cs:
             theta, phi = (theta - theta_mirrored) / 2, (phi + phi_mirrored) / 2
         direction = direction_from_crop(gaze_direction_crop(theta, phi), ray)
         turned_deg = _turned_deg(direction if head_pose is None else head_pose.direction, ray)
-        return Gaze(direction=direction, sigma_rad=claimed_sigma_rad(turned_deg))
+        is_cut = reaches_border(head.face_box_px, frame.left)
+        return Gaze(direction=direction, sigma_rad=claimed_sigma_rad(turned_deg, is_cut=is_cut))
 
     def _angles(self, face: Map) -> tuple[float, float]:
         """The horizontal (> 0 to the image's left) and the vertical angle (> 0 up) of a face [1, 3, 448, 448], rad."""
@@ -104,14 +105,15 @@ class L2cs:
         return _expected_angle(outputs["horizontal"][0]), _expected_angle(outputs["vertical"][0])
 
 
-def claimed_sigma_rad(turned_deg: float) -> float:
+def claimed_sigma_rad(turned_deg: float, *, is_cut: bool = False) -> float:
     """The claimed error per tangent direction for a head that is turned from the camera by an angle.
 
     The mean angle is the root of 14 degrees squared, as of faces that look into the camera, plus 0.3 of the turn
     squared. At 40 degrees it is 1.3 times that of a frontal face (mirror error: 1.5 times); at 72 degrees it is 26, and
-    29 with 13 between eyes and head (measured angle to the head: 30).
+    29 with 13 between eyes and head (measured angle to the head: 30). A face of which the image's border cuts off a
+    part adds the square of 15 degrees (``python -m scripts.measure cut_faces``).
     """
-    return sigma_rad(math.hypot(_FRONTAL_DEG, _PER_TURN * turned_deg))
+    return sigma_rad(math.hypot(_FRONTAL_DEG, _PER_TURN * turned_deg, _CUT_DEG * is_cut))
 
 
 def _turned_deg(direction: Float, ray: Float) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from vfoa.crops import center, crop, grow
+from vfoa.crops import center, completed, crop, grow
 from vfoa.geometry import direction_from_crop, head_direction_crop, pixel_ray
 from vfoa.onnx import Model, RuntimeSettings, Signature, blob
 from vfoa.types import Head, HeadPose, StereoFrame
@@ -45,7 +45,7 @@ class FsaNet:
         if head.face_box_px is None:
             return None
         margin = self.settings.margin
-        box = grow(head.face_box_px, side=margin, top=margin, bottom=margin)
+        box = grow(completed(head.face_box_px, frame.left), side=margin, top=margin, bottom=margin)
         image = blob(crop(frame.left, box, 64), bgr=True, mean=127.5, scale=1 / 128)
         angles_deg = np.mean([model.run(input=image)["output"][0] for model in self._models], axis=0, dtype=np.float64)
         yaw, pitch, roll = np.radians(angles_deg)

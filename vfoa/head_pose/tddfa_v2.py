@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from vfoa.crops import center, crop, square
+from vfoa.crops import center, crop, reaches_border, square
 from vfoa.geometry import angle_between, direction_from_crop, head_angles, pixel_ray, sigma_rad, unit
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
 from vfoa.types import Float, Head, HeadPose, StereoFrame
@@ -24,7 +24,7 @@ _SIDE, _DOWN = 1.58, 0.14
 
 As ``parse_roi_box_from_bbox`` in ``utils/functions.py`` of github.com/cleardusk/3DDFA_V2.
 """
-_FRONTAL_DEG, _PER_TURN = 5.0, 0.1
+_FRONTAL_DEG, _PER_TURN, _CUT_DEG = 5.0, 0.1, 9.0
 _TO_CAMERA = (0.0, 0.0, -1.0)
 _Y_AND_Z = np.array([1.0, -1.0, -1.0])
 
@@ -82,7 +82,9 @@ class TddfaV2:
             yaw_rad=yaw,
             pitch_rad=pitch,
             roll_rad=roll,
-            sigma_rad=claimed_sigma_rad(math.degrees(angle_between(direction, _TO_CAMERA))),
+            sigma_rad=claimed_sigma_rad(
+                math.degrees(angle_between(direction, _TO_CAMERA)), is_cut=reaches_border(head.face_box_px, frame.left)
+            ),
         )
 
 
@@ -97,10 +99,11 @@ def crop_from_head(parameters: Float) -> Float:
     return (before @ after) * np.outer(_Y_AND_Z, _Y_AND_Z)
 
 
-def claimed_sigma_rad(turned_deg: float) -> float:
+def claimed_sigma_rad(turned_deg: float, *, is_cut: bool = False) -> float:
     """The claimed error per tangent direction for a head that is turned from the camera by an angle.
 
     The mean angle is the root of 5.0 degrees squared plus a tenth of the turn squared: the mean over the eight labelled
-    faces is 6.3 then, which is what 16 faces of the same set had.
+    faces is 6.3 then, which is what 16 faces of the same set had. A face of which the image's border cuts off a part
+    adds the square of 9 degrees (``python -m scripts.measure cut_faces``).
     """
-    return sigma_rad(math.hypot(_FRONTAL_DEG, _PER_TURN * turned_deg))
+    return sigma_rad(math.hypot(_FRONTAL_DEG, _PER_TURN * turned_deg, _CUT_DEG * is_cut))

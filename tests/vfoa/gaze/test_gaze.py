@@ -171,6 +171,29 @@ def test_the_claimed_error_grows_with_the_turn_of_the_head_and_with_blur() -> No
     assert np.degrees(frontal) * np.sqrt(np.pi / 2) == pytest.approx(11.0)
     assert turned > 1.5 * frontal
     assert blurred > 1.5 * frontal
+    assert claimed_sigma_rad(0.0, 0.05, is_cut=True) == pytest.approx(frontal * np.hypot(11, 9) / 11)
+
+
+def test_a_face_that_the_border_cuts_claims_a_larger_error(tmp_path: Path) -> None:
+    model, whole = constant_gaze(tmp_path, (0, 0, -1)), head_at(150, 100)
+    assert whole.landmarks_px is not None
+    assert whole.face_box_px is not None
+    claims = []
+    for left in (0, int(whole.face_box_px[0]) + 1):
+        image = np.ascontiguousarray(FRAME.left[:, left:])
+        rig = replace(FRAME.rig, width_px=image.shape[1], cx_px=FRAME.rig.cx_px - left)
+        shift = np.array([left, 0])
+        head = replace(
+            whole,
+            box_px=whole.box_px - np.tile(shift, 2),
+            face_box_px=whole.face_box_px - np.tile(shift, 2),
+            landmarks_px=whole.landmarks_px - shift,
+        )
+        gaze = model.estimate(replace(FRAME, left=image, right=image, rig=rig), head, None)
+        assert isinstance(gaze, Gaze)
+        assert gaze.sigma_rad is not None
+        claims.append(gaze.sigma_rad)
+    assert claims[1] > 1.05 * claims[0]
 
 
 def test_eyes_of_few_pixels_or_out_of_focus_claim_a_larger_error(

@@ -131,6 +131,13 @@ def test_the_claimed_error_grows_with_the_turn_of_the_head_or_without_one_of_the
     assert claims == pytest.approx(np.array(means) / np.sqrt(np.pi / 2), rel=1e-5)
 
 
+@pytest.mark.parametrize(("u", "mean_deg"), [(149.5, 14.0), (19.0, np.hypot(14, 15)), (281.0, np.hypot(14, 15))])
+def test_a_face_that_the_border_cuts_claims_a_larger_error(tmp_path: Path, u: float, mean_deg: float) -> None:
+    gaze = constant_gaze(tmp_path, 0, 0, ("yaw", "pitch")).estimate(FRAME, head_at(u, 99.5), head_turned(0, u, 99.5))
+    assert isinstance(gaze, Gaze)
+    assert gaze.sigma_rad == pytest.approx(np.radians(mean_deg) / np.sqrt(np.pi / 2), rel=1e-5)
+
+
 def test_the_input_is_the_face_in_rgb_by_imagenets_statistics(tmp_path: Path) -> None:
     """The graph's angles are those of the bins at which the mean red and the mean blue of the face point."""
     bins = np.arange(90, dtype=np.float32)[None]

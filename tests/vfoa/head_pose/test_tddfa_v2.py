@@ -111,6 +111,10 @@ def test_the_claimed_error_grows_with_the_turn() -> None:
     assert claimed_sigma_rad(90) == pytest.approx(np.radians(np.hypot(5, 9)) / np.sqrt(np.pi / 2))
 
 
+def test_a_face_that_the_border_cuts_claims_a_larger_error() -> None:
+    assert claimed_sigma_rad(0, is_cut=True) == pytest.approx(np.radians(np.hypot(5, 9)) / np.sqrt(np.pi / 2))
+
+
 # What it takes
 
 
