@@ -88,9 +88,14 @@ class Sights(NamedTuple):
 
 
 class HeldBelief(NamedTuple):
-    """A person's belief, its time in nanoseconds (None: unknown), and the targets that it is about."""
+    """A person's belief after a frame, and what the next frame starts from.
+
+    ``counted`` is the last belief that counts and ``time_ns`` its time, nanoseconds (None: unknown); ``sights`` are the
+    targets of the frame.
+    """
 
     belief: Belief
+    counted: Belief
     time_ns: int | None = None
     sights: Sights = Sights()
 
@@ -219,7 +224,7 @@ def believed(
     if subject.gaze is None and subject.head_pose is None:
         return NoAttention.NO_DIRECTION
     cues = measured_cues(subject, settings)
-    last, last_ns, known = before or (None, None, Sights())
+    _, last, last_ns, known = before or (None, None, None, Sights())
     sights = known.then(subject, targets, eyes)
     visible = visible_targets(origin, sights.targets, sights.eyes, clouds=True)
     scenery = Scenery(
@@ -232,7 +237,8 @@ def believed(
     measured = tuple(None if cue is None else cue.tobytes() for cue in (cues.gaze, cues.head))
     asked = *measured, cues.gaze_sigma_rad, cues.head_sigma_rad, dt_s, settings.error
     belief = _RECENT.get((visible, last), asked, lambda: update(last, scenery, cues, dt_s, settings.error))
-    return HeldBelief(belief, time_ns, sights), cues
+    counted, counted_ns = (belief, time_ns) if last is None or belief.counts else (last, last_ns)
+    return HeldBelief(belief, counted, counted_ns, sights), cues
 
 
 def measured_cues(subject: Subject, settings: BayesSettings) -> MeasuredCues:

@@ -17,6 +17,7 @@ from vfoa.geometry import sigma_rad
 from vfoa.instance_tracking import PATIENCE
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.posterior.cues import ELSEWHERE_DEG
+from vfoa.posterior.filter import COUNTED_S, smoothed
 from vfoa.posterior.kalman import TAILS
 from vfoa.posterior.looks import P_NOWHERE
 from vfoa.tracking import Tracked
@@ -228,6 +229,92 @@ def test_a_face_stays_where_it_was_while_its_head_is_missed() -> None:
         (attention, *_), _ = infer_attentions(subjects, (body,), states[: len(subjects)], SMOOTHED)
         found.append(totals(attention)[7])
     assert found[0] == pytest.approx(found[1])
+
+
+COUNTED_NS = round(1e9 * COUNTED_S)
+LEARNING = BayesSettings(method="bayes")
+"""The error unknown: what is learned of it depends most on how many frames count."""
+
+
+def noisy_look(number: int) -> tuple[float, float, float]:
+    """A gaze at the left target, and from frame 40 on at the right one, with an error of 11 degrees."""
+    error = np.random.default_rng(number).normal(0, sigma_rad(11.1), 2)
+    return ((-0.15 if number < 40 else 0.15) + error[0], error[1], 1.0)
+
+
+def looks_at(times_ns: Sequence[int | None], numbers: Sequence[int]) -> list[Attention]:
+    """The answers in frames at these times, each with the noisy look of its number."""
+    found, states = [], (None,)
+    for time_ns, number in zip(times_ns, numbers, strict=True):
+        subject = make_subject(gaze=noisy_look(number), head=noisy_look(1000 + number))
+        (attention,), states = infer_attentions((subject,), (LEFT, RIGHT), states, LEARNING, time_ns)
+        found.append(attention)
+    return found
+
+
+def chances(attentions: Sequence[Attention]) -> np.ndarray:
+    return np.array([[value.total for value in attention.values] for attention in attentions])
+
+
+@pytest.mark.parametrize(
+    "gaps_s",
+    [
+        [COUNTED_S],
+        [1 / 15],
+        [0.5],
+        [0.03, 0.05],  # a camera whose frames come too early and too late
+        [0.1, 3.0, 0.011, 0.1],  # a pause, and a frame soon after it
+        [1 / 25, 2 / 25, 1 / 25],  # a frame is missing now and then
+    ],
+)
+def test_each_frame_counts_at_25_frames_a_second_or_less(gaps_s, monkeypatch) -> None:
+    times_ns = np.cumsum(np.round(1e9 * np.resize(gaps_s, 80))).astype(int).tolist()
+    found = looks_at(times_ns, range(80))
+    assert all(attention.belief.counts for attention in found)
+    monkeypatch.setattr("vfoa.posterior.filter.COUNTED_S", 0.0)
+    assert (chances(found) == chances(looks_at(times_ns, range(80)))).all()
+
+
+def test_each_frame_counts_where_times_are_not_known_or_do_not_increase() -> None:
+    for times_ns in ([None] * 30, [7] * 30, range(30, 0, -1)):
+        assert all(attention.belief.counts for attention in looks_at(times_ns, range(30)))
+
+
+@pytest.mark.parametrize("rate_hz", [30, 50, 60, 90, 120, 1000])
+def test_25_frames_a_second_count_at_any_greater_rate(rate_hz: int) -> None:
+    times_ns = [round(1e9 * number / rate_hz) for number in range(2 * rate_hz)]
+    counted = sum(attention.belief.counts for attention in looks_at(times_ns, [0] * len(times_ns)))
+    assert counted == pytest.approx(2 / COUNTED_S, abs=2)
+
+
+@pytest.mark.parametrize("every", [2, 4, 8])
+def test_repeated_frames_change_the_answers_little(every: int) -> None:
+    """A camera that gives each frame several times says no more about the look and the error than the frame itself."""
+    times_ns = [number * COUNTED_NS for number in range(80)]
+    repeated_ns = [time_ns + part * COUNTED_NS // every for time_ns in times_ns for part in range(every)]
+    alone = chances(looks_at(times_ns, range(80)))
+    repeated = chances(looks_at(repeated_ns, np.repeat(np.arange(80), every).tolist()))[every - 1 :: every]
+    assert np.abs(repeated - alone).mean() < 0.1
+
+
+def test_later_frames_tell_a_frame_that_counts_the_same_without_those_that_do_not() -> None:
+    beliefs = [attention.belief for attention in looks_at([n * COUNTED_NS // 4 for n in range(161)], range(161))]
+    last = max(place for place, belief in enumerate(beliefs) if belief.counts)
+    beliefs = beliefs[: last + 1]
+    counts = [belief.counts for belief in beliefs]
+    found = np.array(smoothed(beliefs))
+    assert found.sum(axis=1) == pytest.approx(1)
+    assert found[counts] == pytest.approx(np.array(smoothed([belief for belief in beliefs if belief.counts])))
+    assert 35 < sum(counts) < 45
+
+
+def test_the_first_gaze_counts_at_once() -> None:
+    states, found = (None,), []
+    for number, gaze in enumerate([None, None, None, AHEAD, AHEAD]):
+        subject = make_subject(gaze=gaze, head=AHEAD)
+        (attention,), states = infer_attentions((subject,), (LEFT, RIGHT), states, LEARNING, number * 1_000_000)
+        found.append(attention.belief.counts)
+    assert found == [True, True, False, True, False]  # the second one has the time that the first one left
 
 
 def test_the_pipeline_carries_beliefs_from_frame_to_frame():

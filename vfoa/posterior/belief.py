@@ -64,7 +64,9 @@ class Belief:
     ``log_weights`` (K, G) are defined up to a constant; ``looked`` (T, K, G) sums to 1 over the targets. ``leave`` (K,
     G) and ``new`` (T, K, G) are the transition that led to this frame. ``tail`` is the probability, before the frame,
     of directions that fit worse than the measured ones. ``facing`` (3,) is where the body faces, None before the
-    first head or gaze.
+    first head or gaze. ``counts`` says that later frames start from this belief, otherwise from the last one that
+    counts; ``spare_s`` are the seconds that make the next one count earlier
+    (:data:`vfoa.posterior.filter.COUNTED_S`).
     """
 
     keys: Keys
@@ -80,6 +82,8 @@ class Belief:
     last_head: Float | None = None
     facing: Float | None = None
     tail: float = 1.0
+    counts: bool = True
+    spare_s: float = 0.0
 
     @cached_property
     def weights(self) -> Float:

@@ -17,6 +17,15 @@ from vfoa.posterior.grid import PLAUSIBLE_SHARE, Error
 from vfoa.posterior.looks import LEAST, Keys, Ways, columns_of, counted, leaving, new_look, predicted_looks
 from vfoa.types import Float
 
+COUNTED_S = 0.04
+"""Least mean time between frames that count for later ones, seconds. The powers below were chosen at 10 to 25 frames
+per second.
+
+The noise of a frame lasts into the next ones. If it is an AR(1) process with the time constant tau, n frames that are
+dt apart are worth n (1 - rho) / (1 + rho) independent ones, rho = exp(-dt / tau). Where dt is short, that is n dt / (2
+tau): a number per second, whatever the frame rate. So at most 1 / ``COUNTED_S`` frames per second count (tau = 20 ms).
+The answer in the others follows from the last one that counts and from their own directions.
+"""
 _ERROR_POWER = 0.7
 """Power of the likelihood of the error (not of the target) in every frame but the first: consecutive frames carry less
 information about the error than independent ones, because errors last."""
@@ -37,7 +46,7 @@ _MOST_HYPOTHESES = 48
 
 
 def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: float, error: Error) -> Belief:
-    """Return the belief after a frame that comes ``dt_s`` seconds after the one before."""
+    """Return the belief after a frame that comes ``dt_s`` seconds after the last one that counts (``before``)."""
     prior = with_cues(before or first_belief(scenery.keys), cues, error)
     columns, known = columns_of(prior.keys, scenery.keys)
     new = new_look(prior.looks, len(scenery.keys) - 1)
@@ -47,6 +56,9 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
         leave = leaving(prior.looks, dt_s)
         predicted, stayed = predicted_looks(prior.looked, columns, known, leave, new)
 
+    # time that is left over makes the next frame count earlier, so that a jitter of the times changes nothing
+    budget_s = 2 * COUNTED_S if before is None else min(before.spare_s + dt_s, 2 * COUNTED_S)
+    counts = prior is not before or budget_s >= COUNTED_S  # the first frame of a cue always does
     # the first frame counts in full: no earlier frame shares its error
     power, head_power = (1.0, 1.0) if before is None else (_ERROR_POWER, _HEAD_POWER)
     ways = Ways(columns, *(prior.weights * each for each in (prior.looked, stayed, predicted)))
@@ -75,8 +87,10 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
         last_head=prior.last_head if cues.head is None else cues.head,
         facing=facing_after(prior, scenery, cues, dt_s),
         tail=min(1.0, 2 * by_gaze.tail, 2 * by_head.tail),  # of a worse fit of either cue (Bonferroni)
+        counts=counts,
+        spare_s=max(budget_s - COUNTED_S, 0.0),
     )
-    return pruned(belief)
+    return pruned(belief) if counts else belief
 
 
 def answered(belief: Belief, probabilities: Float, error: Error, *, later_known: bool = False) -> Float:
@@ -111,22 +125,23 @@ class _ChosenHypotheses:
 
 
 def smoothed(beliefs: Sequence[Belief]) -> list[Float]:
-    """Probabilities (T,) of the targets in each frame, given all of them."""
+    """Probabilities (T,) of the targets in each frame, given all of them that count, and itself."""
     steps, weights = _likeliest_hypotheses(beliefs)
     later = steps[-1]
     given_all = later.looked
     answers = [given_all @ weights]
-    for step in reversed(steps[:-1]):
+    for belief, step in zip(reversed(beliefs[:-1]), reversed(steps[:-1]), strict=True):
         columns, known = columns_of(step.keys, later.keys)
         predicted, _ = predicted_looks(step.looked, columns, known, later.leave, later.new)
         ratio = given_all / np.maximum(predicted, LEAST)
         anew = (ratio * later.new).sum(axis=0)
         back, still = columns_of(later.keys, step.keys)
         stays = ratio[back] if still is None else np.where(still[:, None], ratio[back], anew)
-        given_all = step.looked * ((1 - later.leave) * stays + later.leave * anew)
-        given_all = given_all / given_all.sum(axis=0)
-        answers.append(given_all @ weights)
-        later = step
+        given = step.looked * ((1 - later.leave) * stays + later.leave * anew)
+        given = given / given.sum(axis=0)
+        answers.append(given @ weights)
+        if belief.counts:
+            later, given_all = step, given
     return answers[::-1]
 
 
