@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from harness.cli.options import Json
+from harness.cli.options import Json, named_once
 from harness.cli.terminal import print_json, print_table, say
 from harness.run.notes import clips_by_line
 from vfoa.errors import VfoaError, listed
@@ -100,8 +100,9 @@ def add_clip(
         _check_images(Path(paths[0]), adapter, source, openface)
     faces = _faces_experiment(openface, gaze3d)
 
+    who, what = _names("--subject", subjects, "person"), _names("--target", targets, None)
+
     def added(path: str, name: str | None) -> Added:
-        who, what = _names(subjects, "person"), _names(targets, None)
         return add(Path(path), name=name, adapter=adapter, source=source, subjects=who, targets=what, more_files=faces)
 
     if len(paths) == 1:
@@ -203,10 +204,10 @@ def _calibration(given: list[Path] | None, numbers: dict[str, float | None], fov
     return {"camera": {name: value for name, value in numbers.items() if value is not None}}
 
 
-def _names(given: list[str] | None, category: str | None) -> dict[str, str]:
+def _names(option: str, given: list[str] | None, category: str | None) -> dict[str, str]:
     """``NAME`` or ``NAME=CATEGORY`` as name -> category; by default the name itself, or ``category`` if given."""
     parts = [text.partition("=") for text in given or ()]
-    return {name: own or category or name for name, _, own in parts}
+    return named_once(option, ((name, own or category or name) for name, _, own in parts))
 
 
 def _print(added: Added) -> None:

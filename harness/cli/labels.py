@@ -16,6 +16,7 @@ from harness.cli.options import (
     annotation_formats,
     clip_names,
     clip_names_and_run_directories,
+    named_once,
     run_folder,
     written_formats,
 )
@@ -119,7 +120,7 @@ def import_(
     from harness.labels.formats import format_of
 
     name = format_of(file) if format_ is None else format_
-    manifest, renamed = load_manifest(clip), dict(_pair(text) for text in rename or ())
+    manifest, renamed = load_manifest(clip), named_once("--rename", map(_pair, rename or ()))
     exchange = open_exchange(
         manifest,
         fps=fps,

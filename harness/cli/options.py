@@ -21,6 +21,18 @@ def composed_name(name: str | None) -> str | None:
     return name and composed(name)
 
 
+def named_once(option: str, pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """What an option that can be given several times says of each name; raises VfoaError if it gives a name twice."""
+    from vfoa.errors import VfoaError
+
+    said: dict[str, str] = {}
+    for name, value in pairs:
+        if name in said:
+            raise VfoaError(f"{option}: {name!r} is given twice; expected each name once")
+        said[name] = value
+    return said
+
+
 def clip_names(incomplete: str) -> list[str]:
     """Clips by name."""
     from harness.clips.families import clip_files

@@ -27,7 +27,9 @@ def check_name(name: str) -> str:
         If it is empty, holds a control character, or begins like a formula.
     """
     if not name.strip() or not name.isprintable() or name.startswith(_FORMULA):
-        raise ValueError(f"found the name {name!r}; expected text that does not begin with {' '.join(_FORMULA)}")
+        raise ValueError(
+            f"found the name {name!r}; expected text, not blank, that begins with none of {' '.join(_FORMULA)}"
+        )
     return name
 
 

@@ -253,6 +253,10 @@ def test_a_wrong_format_is_told_by_the_files_name(
         (("import", "gone.csv", "--clip", CLIP), "gone.csv: its name does not tell what wrote it; expected --format"),
         (("import", "gone.TextGrid", "--clip", CLIP), "gone.TextGrid: no such file"),
         (("import", "gone", "--format", "elan", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
+        (
+            ("import", "gone", "--format", "elan", "--clip", CLIP, "--rename", "x=mug", "--rename", "x=book"),
+            "--rename: 'x' is given twice",
+        ),
         (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
         (
             ("agreement", CLIP, "anna"),

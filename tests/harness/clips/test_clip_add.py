@@ -162,6 +162,8 @@ def test_labels_without_a_manifest_are_not_overwritten_either(tmp_path: Path) ->
         (("--adapter", "mcap"), "not recognised by mcap"),
         (("--name", "a/b"), "name: "),
         (("--subject", "none"), "expected a word other than none and ignore"),
+        (("--subject", "ann", "--subject", "ann"), "--subject: 'ann' is given twice"),
+        (("--target", "mug=cup", "--target", "mug=bowl"), "--target: 'mug' is given twice"),
         (("--subject", "ann", "--target", "ann"), "a subject has this name"),
     ],
 )
