@@ -59,10 +59,11 @@ def _cut_sides(box: Float, image: Image) -> Flags:
     return np.concatenate([box[:2] < near[:2], box[2:] > np.array([width - 1, height - 1]) - near[2:]])
 
 
-def square(center_px: ArrayLike, side_px: float) -> Float:
-    """Return the square box (4,) around a centre (2,)."""
+def square(center_px: ArrayLike, side_px: float, rows_per_column: float = 1.0) -> Float:
+    """Return the box (4,) around a centre (2,) that is a square in the room: ``side_px`` columns wide."""
     u, v = np.asarray(center_px, dtype=np.float64)
-    return np.array([u - side_px / 2, v - side_px / 2, u + side_px / 2, v + side_px / 2])
+    across, down = side_px / 2, side_px / 2 * rows_per_column
+    return np.array([u - across, v - down, u + across, v + down])
 
 
 def center(box_px: ArrayLike) -> Float:
@@ -71,19 +72,23 @@ def center(box_px: ArrayLike) -> Float:
     return np.array([(u0 + u1) / 2, (v0 + v1) / 2])
 
 
-def crop(image: Image, box_px: ArrayLike, size_px: int, *, roll_rad: float = 0.0) -> Image:
+def crop(
+    image: Image, box_px: ArrayLike, size_px: int, *, roll_rad: float = 0.0, rows_per_column: float = 1.0
+) -> Image:
     """Cut a box (4,) out of an image and resize it to (size, size, 3); a box that is not square is stretched.
 
-    ``roll_rad`` > 0 turns the box clockwise in the image about its centre, so that a head that leans clockwise by this
-    angle becomes upright. Beyond the border, the image's last pixels are repeated. A box larger than ``size_px`` is
-    sampled at a whole multiple of that size and averaged, to avoid aliasing.
+    ``roll_rad`` > 0 turns the box clockwise in the room about its centre, so that a head that leans clockwise by this
+    angle becomes upright; ``rows_per_column`` rows are as far as a column. Beyond the border, the image's last pixels
+    are repeated. A box larger than ``size_px`` is sampled at a whole multiple of that size and averaged, to avoid
+    aliasing.
     """
     u0, v0, u1, v1 = np.asarray(box_px, dtype=np.float64)
     width, height = u1 - u0, v1 - v0
     multiple = max(1, math.ceil(max(width, height) / size_px))
     samples = multiple * size_px
     cos, sin = math.cos(roll_rad), math.sin(roll_rad)
-    axes = np.array([[cos * width, -sin * height], [sin * width, cos * height]]) / samples
+    in_room = np.array([[cos * width, -sin * height / rows_per_column], [sin * width, cos * height / rows_per_column]])
+    axes = in_room * [[1.0], [rows_per_column]] / samples
     first = center(box_px) - axes @ [(samples - 1) / 2, (samples - 1) / 2]
     sampled = cv2.warpAffine(
         image,

@@ -1,9 +1,10 @@
-"""Frames of real people, and the same seen in a mirror."""
+"""Frames of real people, and the same seen in a mirror, or with pixels that are not square."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -68,3 +69,32 @@ def mirrored_head(head: Head, width_px: int) -> Head:
 def mirrored_direction(direction: Float) -> Float:
     """A direction (3,) in the camera frame, seen in the mirror."""
     return direction * [-1, 1, 1]
+
+
+def stretched(frame: StereoFrame, rows: int) -> StereoFrame:
+    """The frame with this number of rows, as an anamorphic camera sees it."""
+    factor = rows / frame.rig.height_px
+    image = np.asarray(cv2.resize(frame.left, (frame.rig.width_px, rows), interpolation=cv2.INTER_LINEAR), np.uint8)
+    cy_px = float(_stretched(frame.rig.cy_px, factor))
+    rig = replace(frame.rig, height_px=rows, fy_px=frame.rig.fy_px * factor, cy_px=cy_px)
+    return replace(frame, left=image, right=image, rig=rig)
+
+
+def stretched_head(head: Head, factor: float) -> Head:
+    """The head in the stretched frame, of ``factor`` times the rows."""
+
+    def moved(found: Float) -> Float:
+        moved = found.reshape(-1, 2).copy()
+        moved[:, 1] = _stretched(moved[:, 1], factor)
+        return moved.reshape(found.shape)
+
+    return replace(
+        head,
+        box_px=moved(head.box_px),
+        face_box_px=None if head.face_box_px is None else moved(head.face_box_px),
+        landmarks_px=None if head.landmarks_px is None else moved(head.landmarks_px),
+    )
+
+
+def _stretched(v: Any, factor: float) -> Any:
+    return (v + 0.5) * factor - 0.5

@@ -41,6 +41,19 @@ def test_a_crop_turned_with_a_leaning_bar_shows_it_upright() -> None:
     assert upright[:, :12].max() == 0
 
 
+def test_a_crop_of_pixels_that_are_not_square_shows_what_they_show() -> None:
+    v, u = np.mgrid[:151, :101]
+    roll = np.radians(30)
+    across = (u - 50) * np.cos(roll) + (v - 75) / 1.5 * np.sin(roll)
+    image = np.repeat((np.abs(across) < 4).astype(np.uint8)[..., None] * 255, 3, axis=2)
+    box = square((50, 75), 40, 1.5)
+    np.testing.assert_allclose(box, [30, 45, 70, 105])
+    upright = crop(image, box, 40, roll_rad=roll, rows_per_column=1.5)[..., 0]
+    assert upright[:, 18:22].min() > 200
+    assert upright[:, :12].max() == 0
+    assert upright[:, 28:].max() == 0
+
+
 IMAGE = np.zeros((200, 300, 3), np.uint8)
 
 

@@ -108,12 +108,13 @@ class Adas0002:
         if head.face_box_px is None or head.landmarks_px is None:
             return None
         right_eye, left_eye = head.landmarks_px[:2]
-        across = left_eye - right_eye
+        rows = frame.rig.rows_per_column
+        across = (left_eye - right_eye) / [1, rows]
         if not across.any():
             return None
         u, v = (right_eye + left_eye) / 2
         ray = pixel_ray(u, v, frame.rig)
-        angles = self._angles(frame.left, head.face_box_px)
+        angles = self._angles(frame.left, head.face_box_px, rows)
         # the most turned of the two: networks of head pose underestimate
         of_stage = _angles(head_pose, ray)
         turned_deg = max(_turned_deg(*angles), _turned_deg(*of_stage) if of_stage else 0.0)
@@ -122,7 +123,8 @@ class Adas0002:
         roll = math.atan2(across[1], across[0])
         side = EYE_SIDE * float(np.hypot(*across))
         # the person's own right eye is on the image's left
-        eyes = [crop(frame.left, square(eye, side), 60, roll_rad=roll) for eye in (right_eye, left_eye)]
+        boxes = (square(eye, side, rows) for eye in (right_eye, left_eye))
+        eyes = [crop(frame.left, box, 60, roll_rad=roll, rows_per_column=rows) for box in boxes]
         detail = max(_detail(eye) for eye in eyes) * EYE_SIDE
         return Gaze(
             direction=direction_from_crop(self._look(eyes[0], eyes[1], roll, angles), ray),
@@ -137,10 +139,11 @@ class Adas0002:
         cos, sin = math.cos(roll), math.sin(roll)
         return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
-    def _angles(self, image: Image, face_box_px: Float) -> tuple[float, float]:
+    def _angles(self, image: Image, face_box_px: Float, rows_per_column: float) -> tuple[float, float]:
         """Yaw and pitch in degrees, with ADAS's signs, from the model's own head-pose network."""
         u0, v0, u1, v1 = face_box_px
-        face = crop(image, square(center(face_box_px), FACE_SIDE * max(u1 - u0, v1 - v0)), 60)
+        side = FACE_SIDE * max(u1 - u0, (v1 - v0) / rows_per_column)
+        face = crop(image, square(center(face_box_px), side, rows_per_column), 60)
         outputs = self._head_pose.run(data=blob(face, bgr=True))
         return float(outputs["angle_y_fc"][0, 0]), float(outputs["angle_p_fc"][0, 0])
 

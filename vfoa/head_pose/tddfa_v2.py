@@ -69,10 +69,11 @@ class TddfaV2:
         if head.face_box_px is None:
             return None
         u0, v0, u1, v1 = head.face_box_px
-        mean_side = (u1 - u0 + v1 - v0) / 2
+        rows = frame.rig.rows_per_column
+        mean_side = (u1 - u0 + (v1 - v0) / rows) / 2
         u, v = center(head.face_box_px)
-        v += _DOWN * mean_side
-        box = square((u, v), _SIDE * mean_side)
+        v += _DOWN * mean_side * rows
+        box = square((u, v), _SIDE * mean_side, rows)
         image = blob(crop(frame.left, box, 120), bgr=True, mean=127.5, scale=1 / 128)
         rotation = crop_from_head(self._model.run(input=image)["param"][0])
         yaw, pitch, roll = head_angles(rotation)

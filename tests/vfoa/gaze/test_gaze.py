@@ -8,7 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from scripts.measure.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head
+from scripts.measure.mirror import (
+    bandage_frame,
+    frame_of,
+    mirrored,
+    mirrored_direction,
+    mirrored_head,
+    stretched,
+    stretched_head,
+)
 from tests import graphs
 from vfoa.gaze.adas import Adas0002, claimed_sigma_rad
 from vfoa.geometry import angle_between, direction_from_crop, head_direction_crop, pixel_ray
@@ -164,6 +172,22 @@ def test_a_face_turned_away_has_no_gaze(tmp_path: Path, yaw_deg: float, seen: bo
     pose = HeadPose(direction=direction_from_crop(head_direction_crop(np.radians(yaw_deg), 0.0), ray))
     found = constant_gaze(tmp_path, (0, 0, -1)).estimate(FRAME, head, pose)
     assert isinstance(found, Gaze if seen else NoGaze)
+
+
+@pytest.mark.parametrize("factor", [0.75, 1.25, 1.5])
+def test_pixels_that_are_not_square_give_the_same_gaze(
+    shared_data: Path, shared_models: Path, detector: YuNet, factor: float
+) -> None:
+    model = adas(shared_models)
+    for number in (1, 20, 40):
+        frame = bandage_frame(shared_data, number)
+        (head,) = detector.detect(frame, Instances(ids=np.zeros(frame.left.shape[:2], np.uint16), instances=()))
+        rows = round(factor * frame.rig.height_px)
+        gaze = model.estimate(frame, head, None)
+        other = model.estimate(stretched(frame, rows), stretched_head(head, rows / frame.rig.height_px), None)
+        assert isinstance(gaze, Gaze)
+        assert isinstance(other, Gaze)
+        assert np.degrees(angle_between(gaze.direction, other.direction)) < 1.5
 
 
 def test_the_claimed_error_grows_with_the_turn_of_the_head_and_with_blur() -> None:

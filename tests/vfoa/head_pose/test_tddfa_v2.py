@@ -10,7 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from scripts.measure.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head, read_rgb
+from scripts.measure.mirror import (
+    bandage_frame,
+    frame_of,
+    mirrored,
+    mirrored_direction,
+    mirrored_head,
+    read_rgb,
+    stretched,
+    stretched_head,
+)
 from tests import graphs
 from vfoa.crops import center, square
 from vfoa.errors import VfoaError
@@ -163,6 +172,20 @@ def real(shared_models: Path) -> TddfaV2:
 @pytest.fixture(scope="module")
 def yunet(shared_models: Path) -> YuNet:
     return YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_dynamic.onnx")))
+
+
+@pytest.mark.parametrize("factor", [0.75, 1.25, 1.5])
+def test_pixels_that_are_not_square_give_the_same_pose(
+    shared_data: Path, real: TddfaV2, yunet: YuNet, factor: float
+) -> None:
+    frame = bandage_frame(shared_data, 1)
+    (head,) = yunet.faces(frame)
+    rows = round(factor * frame.rig.height_px)
+    pose = real.estimate(frame, head)
+    other = real.estimate(stretched(frame, rows), stretched_head(head, rows / frame.rig.height_px))
+    assert pose is not None
+    assert other is not None
+    assert np.degrees(angle_between(pose.direction, other.direction)) < 1
 
 
 def both_ways(model: TddfaV2, frame: StereoFrame, head: Head) -> tuple[HeadPose, float]:
