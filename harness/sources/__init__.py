@@ -204,6 +204,13 @@ class Recogniser(Protocol):
         """
 
 
+def given_root(root: Path | None) -> Path:
+    """The root of a clip whose adapter reads files; raises if its manifest has none."""
+    if root is None:
+        raise VfoaError("root: missing; expected the path of the clip's files, absolute or relative to the manifest")
+    return root
+
+
 def check_number(number: int, frames: Sequence[int], where: object) -> None:
     """Reject a number that is not one of a clip's frames; ``where`` opens the message."""
     if place_in(frames, number) is None:

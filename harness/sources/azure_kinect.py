@@ -15,7 +15,7 @@ from pydantic import Field
 
 from harness.files.digests import digest_files
 from harness.files.parsing import parse_json
-from harness.sources import Recognised, Truth, check_number
+from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration_files.documents import Document, expect_names, numbers
 from harness.sources.depth_optics import DepthOptics, DepthRegistration
 from harness.sources.media.film import container_tags
@@ -65,7 +65,7 @@ class AzureKinectClip:
     Settings = AzureKinectSettings
 
     def __init__(self, settings: AzureKinectSettings, root: Path | None) -> None:
-        self._path = (root if root is not None else Path.cwd()) / settings.recording
+        self._path = given_root(root) / settings.recording
         self._settings = settings
         self._head = KinectHead(self._path)
         blocks = read_blocks(self._path)

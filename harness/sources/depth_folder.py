@@ -11,7 +11,7 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from harness.files.digests import digest_files
-from harness.sources import Recognised, Truth, check_number
+from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
@@ -76,7 +76,7 @@ class DepthFolderClip:
 
     def __init__(self, settings: DepthFolderSettings, root: Path | None) -> None:
         self._settings = settings
-        self._folder = folder = root if root is not None else Path.cwd()
+        self._folder = folder = given_root(root)
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         files = settings.colour, settings.depth

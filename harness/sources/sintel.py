@@ -14,7 +14,7 @@ from pydantic import Field
 
 from harness.files.digests import digest_files
 from harness.files.io import read_bytes
-from harness.sources import Recognised, Truth, check_number
+from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration import Calibration
 from harness.sources.media.images import read_raw, read_rgb, width_by_height
 from harness.sources.media.maps import read_disparity, small_ids
@@ -97,7 +97,7 @@ class SintelClip:
 
     def __init__(self, settings: SintelSettings, root: Path | None) -> None:
         self._scene, self._pass = settings.scene, settings.render_pass
-        self._training = (root if root is not None else Path.cwd()) / "training"
+        self._training = given_root(root) / "training"
         if not self._training.is_dir():
             raise VfoaError(f"{self._training}: no such folder; expected MPI Sintel's stereo set, unpacked")
         self._check_scene()

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from harness.sources import Recognised, Truth, check_number
+from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration import Calibration
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
@@ -65,7 +65,7 @@ class StereoFolderClip:
 
     def __init__(self, settings: StereoFolderSettings, root: Path | None) -> None:
         self._settings = settings
-        self._folder = folder = root if root is not None else Path.cwd()
+        self._folder = folder = given_root(root)
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._views = settings.views(folder)

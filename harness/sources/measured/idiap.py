@@ -27,7 +27,7 @@ from pydantic import Field
 
 from harness.files.digests import file_digest
 from harness.files.tables import TableColumns, csv_rows
-from harness.sources import Recognised
+from harness.sources import Recognised, given_root
 from harness.sources.measured.clip import (
     FramesOfMeasurements,
     MeasuredFrame,
@@ -57,7 +57,7 @@ class IdiapClip(FramesOfMeasurements):
     Settings = IdiapSettings
 
     def __init__(self, settings: IdiapSettings, root: Path | None) -> None:
-        path = (root if root is not None else Path.cwd()) / settings.file
+        path = given_root(root) / settings.file
         people: dict[int, dict[str, MeasuredPerson]] = {}
         for line, cells in csv_rows(path):
             time_ns, person = _person(f"{path}:{line}", [cell.strip() for cell in cells])

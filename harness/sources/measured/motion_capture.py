@@ -19,6 +19,7 @@ from pydantic import Field, field_validator
 from harness.files.dialects import check_width, is_missing
 from harness.files.digests import file_digest
 from harness.files.safe_names import check_name, composed, composed_keys
+from harness.sources import given_root
 from harness.sources.measured.clip import (
     Extents,
     FramesOfMeasurements,
@@ -117,7 +118,7 @@ class MotionCaptureClip(FramesOfMeasurements, ABC):
     """A clip without images from a take; a subclass reads the files of one program."""
 
     def __init__(self, settings: MotionCaptureSettings, root: Path | None) -> None:
-        path = (root if root is not None else Path.cwd()) / settings.file
+        path = given_root(root) / settings.file
         take = self._take(path, settings)
         worn = _worn(settings, take, path)
         of_people = {name: _first_known([take.poses[body] for body in bodies]) for name, bodies in worn.items()}

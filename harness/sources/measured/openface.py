@@ -31,7 +31,7 @@ from pydantic import Field
 from harness.files.dialects import check_width
 from harness.files.digests import file_digest
 from harness.files.tables import header_names
-from harness.sources import Recognised
+from harness.sources import Recognised, given_root
 from harness.sources.measured.clip import (
     FramesOfMeasurements,
     MeasuredFrame,
@@ -209,7 +209,7 @@ class OpenFaceClip(FramesOfMeasurements):
     Settings = OpenFaceSettings
 
     def __init__(self, settings: OpenFaceSettings, root: Path | None) -> None:
-        path = (root if root is not None else Path.cwd()) / settings.file
+        path = given_root(root) / settings.file
         table = read_openface(path)
         people = _named(table.faces)
         frames = {

@@ -32,7 +32,7 @@ from pydantic import Field
 from harness.files.dialects import is_missing
 from harness.files.digests import digest_files
 from harness.files.tables import TableColumns, read_columns, read_header, write_rows
-from harness.sources import Recognised
+from harness.sources import Recognised, given_root
 from harness.sources.measured.clip import (
     FramesOfMeasurements,
     MeasuredFrame,
@@ -80,7 +80,7 @@ class MeasuredTables(FramesOfMeasurements):
     Settings = MeasuredTablesSettings
 
     def __init__(self, settings: MeasuredTablesSettings, root: Path | None) -> None:
-        folder = root if root is not None else Path.cwd()
+        folder = given_root(root)
         people = folder / settings.people_file
         objects = None if settings.objects_file is None else folder / settings.objects_file
         times, present = _times_and_people(people, settings)

@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.files.digests import digest_files
 from harness.files.tables import TableColumns, read_columns
-from harness.sources import Recognised
+from harness.sources import Recognised, given_root
 from harness.sources.measured.clip import (
     FramesOfMeasurements,
     MeasuredFrame,
@@ -94,7 +94,7 @@ class VrObjectsClip(FramesOfMeasurements):
     Settings = VrObjectsSettings
 
     def __init__(self, settings: VrObjectsSettings, root: Path | None) -> None:
-        folder = root if root is not None else Path.cwd()
+        folder = given_root(root)
         results = folder / "trial_results.csv"
         columns = _table(results, ("ppid", "trial_num", "target", "target_label", *itertools.chain(*_PHASES), *_BOX))
         things = _things(columns, settings)

@@ -15,7 +15,7 @@ import numpy as np
 
 from harness.files.digests import digest_files
 from harness.files.io import check_fetched
-from harness.sources import Recognised, Truth, check_number
+from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.media.frame_files import join_nearest, join_times, nearest_apart, rate_of
 from harness.sources.media.maps import MILLIMETRES
 from harness.sources.recordings import realsense, zed
@@ -165,7 +165,7 @@ class RecordingClip:
 
     def __init__(self, settings: RecordingSettings, root: Path | None) -> None:
         self._settings = settings
-        self._folder = root if root is not None else Path.cwd()
+        self._folder = given_root(root)
         self._where = str(self._folder / settings.recording)
         self._container = open_container(self._folder / settings.recording)
         is_part = settings.start_s is not None or settings.end_s is not None

@@ -7,6 +7,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -350,3 +351,9 @@ def test_a_broken_promise_is_found(broken: type[Good], message: str) -> None:
         check_contract(broken())
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", sorted({*ADAPTERS.builtin} - {"studio"}))
+def test_files_are_not_looked_for_where_the_program_runs(name: str) -> None:
+    with pytest.raises(VfoaError, match=r"^root: missing; expected the path"):
+        ADAPTERS.load(name)(MagicMock(), None)

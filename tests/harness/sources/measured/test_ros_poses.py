@@ -409,7 +409,7 @@ def _transform(parent: str, child: str) -> Callable[[Messages], None]:
             {"heads": {}},
             "a recording without images: heads: found none; expected who wears which rigid body",
         ),
-        ([_pose("/=a/pose", "world")], {}, "/=a/pose: found the name '=a'; expected text that"),
+        ([_pose("/=a/pose", "world")], {}, "/=a/pose: found the name '=a'; expected text"),
     ],
 )
 def test_mistakes_are_named_with_their_topic(
