@@ -17,6 +17,7 @@ from harness.cli.options import (
     Port,
     Recordings,
     Replace,
+    Run,
     composed_name,
     run_directories,
     run_folder,
@@ -341,7 +342,7 @@ def catalog(
 
 
 def export_failure(
-    run: Recordings,
+    run: Run,
     frame: Annotated[int, typer.Option(metavar="FRAME", help="The frame, in the source's own numbers.")],
     clip: OneClip = None,
     config: OneConfiguration = None,

@@ -25,7 +25,7 @@ def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator
     for table, rules in (("subjects", manifest.subjects), ("targets", manifest.targets)):
         for name, rule in rules.items():
             if rule.category not in kinds.values():
-                yield f"{table}.{name}.category: {did_you_mean(rule.category, kinds.values())}"
+                yield f"{table}.{name}.category: no {rule.category!r}; {did_you_mean(rule.category, kinds.values())}"
             elif rule.instance is not None and kinds.get(rule.instance) != rule.category:
                 yield f"{table}.{name}.instance: no {rule.category} has the number {rule.instance}; numbers: {ids}"
             elif rule.instance is None and not rule.is_shared:

@@ -12,3 +12,7 @@ def test_of_many_names_the_nearest_and_the_first_are_named(count: int, others: s
     assert told.startswith("did you mean 'session_039'? ")
     assert told.count("session_") == 1 + min(count, 40)
     assert told.endswith(f" and {others}" if others else "session_039")
+
+
+def test_names_that_occur_several_times_are_named_once() -> None:
+    assert did_you_mean("cup", ["person", "robot", "person"]) == "expected one of: person, robot"
