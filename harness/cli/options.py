@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,6 +12,7 @@ import typer
 
 if TYPE_CHECKING:
     from harness.run.manifest import RunManifest
+    from harness.score.subset import Condition
 
 
 def composed_name(name: str | None) -> str | None:
@@ -236,3 +237,10 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the tables
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 ProviderName = Literal["cpu", "cuda", "tensorrt", "openvino", "coreml"]
 """Providers of ONNX Runtime that a network can run on."""
+
+
+def conditions(where: Sequence[str] | None) -> tuple[Condition, ...]:
+    """The conditions of ``--where``. Raises a :class:`VfoaError` for one that is none."""
+    from harness.score.subset import Condition
+
+    return tuple(Condition.parse(text) for text in where or ())

@@ -13,7 +13,7 @@ from urllib.parse import quote, urlencode
 
 import typer
 
-from harness.cli.options import Json, NoOpen, Port, Run, Runs, Verbose, Where, run_directories, run_folder
+from harness.cli.options import Json, NoOpen, Port, Run, Runs, Verbose, Where, conditions, run_directories, run_folder
 from harness.cli.terminal import MOST_ROWS, first_rows, print_json, print_reports, say
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
     from harness.score.compared_runs import ComparedRuns
     from harness.score.comparison import Comparison
-    from harness.score.subset import Condition
 
 
 def score(
@@ -52,7 +51,7 @@ def score(
     if where:
         if annotator is not None:
             raise VfoaError("score: --where does not go with --annotator; expected one of them")
-        scores = read_scores(RunDirectory(folder), _conditions(where))
+        scores = read_scores(RunDirectory(folder), conditions(where))
         print_reports([summary_table(scores)[0]])
         say("\n".join([f"Only frames with {' and '.join(where)}.", *verdict_of_run(scores, folder)]))
         return
@@ -110,7 +109,7 @@ def report(
 def _serve_report(directory: RunDirectory, where: str, port: int, *, no_open: bool) -> None:
     """Serve a run's page, with its recordings and the form that sets labels right."""
     from harness.annotate.correction import correction_routes
-    from harness.cli.view import browse
+    from harness.cli.serving import browse
     from harness.record.composed import served_recordings
     from harness.report.write import report_page
 
@@ -124,12 +123,6 @@ def _serve_report(directory: RunDirectory, where: str, port: int, *, no_open: bo
 def _path(where: str) -> str:
     """The path of a served page whose frames meet these conditions."""
     return f"/?{urlencode({'where': where})}" if where else "/"
-
-
-def _conditions(where: Sequence[str] | None) -> list[Condition]:
-    from harness.score.subset import Condition
-
-    return [Condition.parse(text) for text in where or ()]
 
 
 _KINDS = "significant-drop[=POINTS], drop=POINTS or possible-drop=POINTS"
@@ -201,7 +194,7 @@ def compare(
     if serve:
         _serve_comparison(folders, against, ",".join(where or ()), port, no_open=no_open)
         return
-    compared = compare_runs(folders, against, _conditions(where))
+    compared = compare_runs(folders, against, conditions(where))
     failing = [] if check is None else _failing(compared.comparisons, *check)
     if as_json:
         print_json(_as_json(compared))
@@ -228,7 +221,7 @@ def _serve_comparison(runs: Sequence[Path], baseline: Path | None, where: str, p
     """Serve the page of runs side by side, and their recordings; other conditions make another page."""
     from dataclasses import replace
 
-    from harness.cli.view import browse
+    from harness.cli.serving import browse
     from harness.record.composed import served_recordings
     from harness.record.web_app import open_path
     from harness.report.page.compare import render_comparison

@@ -1,10 +1,7 @@
-"""``vfoa view``, ``export-failure``, ``catalog``: open recordings, step through failures, write frames, serve runs."""
+"""``vfoa view``, ``export-failure``, ``catalog``: open recordings, write frames, serve runs."""
 
 from __future__ import annotations
 
-import re
-import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 from urllib.parse import urlsplit
@@ -18,7 +15,9 @@ from harness.cli.options import (
     Recordings,
     Replace,
     Run,
+    Where,
     composed_name,
+    conditions,
     run_directories,
     run_folder,
 )
@@ -26,11 +25,8 @@ from harness.cli.terminal import ended_by_signals, say, say_forwarding, signals_
 from vfoa.errors import VfoaError, did_you_mean, listed
 
 if TYPE_CHECKING:
-    from harness.record.composed import Composed, RecordedClip
+    from harness.record.composed import Composed
     from harness.record.web_app import Routes
-    from harness.score.judged_subjects import JudgedSubject
-    from harness.score.score import Scores
-    from harness.score.verdicts import Verdict
 
 
 def view(
@@ -50,6 +46,11 @@ def view(
     failures: Annotated[
         bool, typer.Option("--failures", help="Step from one wrong frame to the next by keys; with --web, by links.")
     ] = False,
+    error: Annotated[
+        str | None,
+        typer.Option("--error", metavar="TYPE", help="With --failures: only of this error type, such as outscored."),
+    ] = None,
+    where: Where = None,
     compare: Annotated[
         tuple[str, str] | None, typer.Option(metavar="K1 K2", help="Open two configurations of --clip side by side.")
     ] = None,
@@ -59,6 +60,8 @@ def view(
     replace: Replace = False,
 ) -> None:
     """Open a run's recordings in the Rerun viewer: one for each clip, with a tab for each configuration."""
+    from harness.cli.failures import Chosen, browse_failures, step_through
+    from harness.cli.serving import browse
     from harness.files.io import check_new
     from harness.record import viewer
     from harness.record.composed import find_recordings
@@ -69,9 +72,14 @@ def view(
     if failures:
         if frame is not None or screenshot is not None or compare is not None:
             raise VfoaError("view: --failures selects the frames: leave out --frame, --compare and --screenshot")
+        chosen = Chosen(
+            clip=clip, configuration=config, subject=subject, error_type=_error_type(error), where=conditions(where)
+        )
         with ended_by_signals():
-            (browse_failures if web else step_through)(folder, clip, config, subject)
+            (browse_failures if web else step_through)(folder, chosen)
         return
+    if error is not None or where:
+        raise VfoaError("view: --error and --where choose wrong frames: add --failures")
     if screenshot is not None:
         if web:
             raise VfoaError("view: --web writes no file: leave out --screenshot")
@@ -95,6 +103,18 @@ def view(
     else:
         with ended_by_signals():
             viewer.show(recordings, frame)
+
+
+def _error_type(name: str | None) -> str | None:
+    """The error type of this name, as tables and pages have it."""
+    from harness.score.verdicts import ERROR_TYPES
+
+    if name is None:
+        return None
+    key = name.strip().lower().replace(" ", "_")
+    if key not in ERROR_TYPES:
+        raise VfoaError(f"view: --error: found {name!r}; {did_you_mean(key, ERROR_TYPES)}")
+    return key
 
 
 def _label_routes(run: Path) -> Routes:
@@ -122,198 +142,6 @@ def _compared(
     (recorded,) = find_clips(run, clip, None)
     recorded.expect_subject(subject)
     return replace(recorded.compare(*compare), subject=subject)
-
-
-KEYS = "Enter or n: next, p: previous, w: the label is wrong, q: quit"
-
-
-def step_through(run: Path, clip: str | None, configuration: str | None, subject: str | None) -> None:
-    """Open the viewer at a run's first wrong frame, and step to others by keys; None: of all."""
-    if not sys.stdin.isatty():
-        raise VfoaError(
-            "view --failures: expected a terminal to read keys from, found none; --failures --web has links"
-        )
-    from harness.record import viewer
-    from harness.run.directory import RunDirectory
-    from harness.score.finished_run import read_scores
-
-    say(KEYS)
-    place: int | None = 0
-    while place is not None:
-        recordings = _recorded(run, clip, configuration, subject)
-        scores = read_scores(RunDirectory(run))
-        wrong = _that_can_be_shown(wrong_verdicts(scores, clip, configuration, subject), recordings)
-        if not wrong:
-            say(_nothing_to_show(scores, clip, configuration, subject))
-            return
-        shown = {each.files.clip: each.compose() for each in recordings}
-        place, is_corrected = min(place, len(wrong) - 1), False
-        with viewer.opened(instead="--failures --web has a link to each wrong frame, for any browser") as go_to:
-            while place is not None and not is_corrected:
-                at = wrong[place]
-                go_to(shown[at.clip], at.frame, (at.configuration, at.subject))
-                say(describe(wrong, place))
-                key = _key()
-                # the viewer would keep the old content of a corrected recording: it is opened again
-                is_corrected = key == "w" and _correct(run, at)
-                place = place if is_corrected else next_place(key, place, len(wrong))
-
-
-def _key() -> str:
-    """The key that is pressed; ``q`` for Ctrl-C and Ctrl-D."""
-    try:
-        return str(typer.prompt("", default="n", show_default=False, prompt_suffix="> ")).strip().lower()
-    except typer.Abort:
-        return "q"
-
-
-def next_place(key: str, place: int, count: int) -> int | None:
-    """The place, 0 to ``count`` - 1, that a key leads to; None ends. Both ends stay, and so does every other key."""
-    match key:
-        case "q":
-            return None
-        case "" | "n":
-            return min(place + 1, count - 1)
-        case "p":
-            return max(place - 1, 0)
-    return place
-
-
-def describe(wrong: Sequence[Verdict], place: int) -> str:
-    """One line: position among the wrong frames, clip, configuration, frame, subject, truth, prediction, error type."""
-    verdict = wrong[place]
-    where = f"{verdict.clip}, {verdict.configuration}, frame {verdict.frame}"
-    predicted = "no prediction" if verdict.predicted is None else f"predicted {verdict.predicted}"
-    answer = f"{verdict.subject} looks at {verdict.truth}, {predicted} ({verdict.error_type})"
-    return f"{place + 1}/{len(wrong)}  {where}: {answer}"
-
-
-def _correct(run: Path, wrong: Verdict) -> bool:
-    """Ask for the right target of a frame, and write it; return False if nothing was written."""
-    from harness.annotate.correction import Correction, choices, correct, look_around
-    from harness.run.directory import RunDirectory
-
-    directory = RunDirectory(run)
-    try:
-        look = look_around(directory, wrong.clip, wrong.subject, wrong.frame)
-        names = ", ".join(choices(directory, wrong.clip, wrong.subject))
-        say(f"{names}; FIRST-LAST for other frames than the whole look, {look.first}-{look.last}")
-        answer = typer.prompt("right target [FIRST-LAST], or nothing", default="", show_default=False).strip()
-        if not answer:
-            return False
-        target, first, last = _target_and_frames(answer, look.first, look.last)
-        correction = Correction(clip=wrong.clip, subject=wrong.subject, target=target, first=first, last=last)
-        say(f"{correct(directory, correction)}: {correction}. Tables, page and recordings are updated.")
-    except (VfoaError, typer.Abort) as error:
-        say(f"vfoa: {error or 'nothing was changed'}", err=True)
-        return False
-    return True
-
-
-def _target_and_frames(answer: str, first: int, last: int) -> tuple[str, int, int]:
-    """Parse a target and the frames: ``red cup`` for the look, which has these ends, ``red cup 12-20`` for others."""
-    if match := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", answer):
-        return match[1], int(match[2]), int(match[3])
-    return answer, first, last
-
-
-def browse_failures(run: Path, clip: str | None, configuration: str | None, subject: str | None) -> None:
-    """Serve the recordings of a run, and a page that steps through its wrong frames beside the web viewer."""
-    from harness.annotate.correction import correction_routes
-    from harness.record.composed import served_recordings
-    from harness.record.web_app import failures_routes
-    from harness.run.directory import RunDirectory
-    from harness.score.finished_run import read_scores
-
-    directory = RunDirectory(run)
-    recorded = _recorded(run, clip, configuration, subject)
-
-    def wrong() -> list[Verdict]:
-        return wrong_verdicts(read_scores(directory), clip, configuration, subject)
-
-    scores = read_scores(directory)
-    found = wrong_verdicts(scores, clip, configuration, subject)
-    if not (shown := _that_can_be_shown(found, recorded)):
-        say(_nothing_to_show(scores, clip, configuration, subject))
-        return
-    recordings, known = served_recordings(run), iter([found])  # the page that opens now shows what was counted
-    say(f"{len(shown)} wrong frames")
-    failures = failures_routes(lambda: next(known, None) or wrong(), recordings)
-    browse(recordings.values(), ["/"], more=(*failures, *correction_routes(directory)))
-
-
-def _recorded(run: Path, clip: str | None, configuration: str | None, subject: str | None) -> list[RecordedClip]:
-    """The recordings of each clip of a run; an unknown name is an error."""
-    from harness.record.composed import find_clips
-
-    clips = find_clips(run, clip, configuration)
-    subjects = list(dict.fromkeys(name for recorded_clip in clips for name in recorded_clip.subjects))
-    if subject is not None and subject not in subjects:
-        raise VfoaError(f"{run}: no subject {subject!r}; {did_you_mean(subject, subjects)}")
-    return clips
-
-
-def _that_can_be_shown(wrong: Sequence[Verdict], recordings: Sequence[RecordedClip]) -> list[Verdict]:
-    """The wrong frames with a recording; how many have none is printed."""
-    recorded = {(each.files.clip, layer.configuration) for each in recordings for layer in each.layers}
-    shown = [verdict for verdict in wrong if (verdict.clip, verdict.configuration) in recorded]
-    if left_out := len(wrong) - len(shown):
-        say(f"vfoa: {left_out} wrong frames have no recording: they are left out", err=True)
-    return shown
-
-
-def wrong_verdicts(
-    scores: Scores, clip: str | None, configuration: str | None, subject: str | None = None
-) -> list[Verdict]:
-    """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, configuration, subject."""
-    judged = (of_subject.judged for of_subject in _chosen(scores, clip, configuration, subject))
-    of_clip = [each.where(each.is_wrong) for each in judged]
-    clips, configurations = scores.clips.index, scores.configurations.index
-    return sorted(
-        (verdict for each in of_clip for verdict in each.verdicts()),
-        key=lambda verdict: (clips(verdict.clip), configurations(verdict.configuration), verdict.frame),
-    )
-
-
-def _nothing_to_show(scores: Scores, clip: str | None, configuration: str | None, subject: str | None) -> str:
-    """Why there is no failure: also because nothing is labelled."""
-    is_scored = any(len(of_subject.frames) for of_subject in _chosen(scores, clip, configuration, subject))
-    return "No wrong frame." if is_scored else "Nothing is scored: no frame has a label."
-
-
-def _chosen(
-    scores: Scores, clip: str | None, configuration: str | None, subject: str | None
-) -> Iterator[JudgedSubject]:
-    """What was judged of a clip, configuration and subject; None: of all."""
-    for of_subject in scores.judged_subjects:
-        asked = (clip, of_subject.clip), (configuration, of_subject.configuration), (subject, of_subject.subject)
-        if all(wanted in (None, name) for wanted, name in asked):
-            yield of_subject
-
-
-def browse(
-    recordings: Iterable[Composed],
-    paths: Sequence[str],
-    *,
-    page: Callable[[str], str] | None = None,
-    more: Routes = (),
-    port: int = 0,
-    no_open: bool = False,
-) -> None:
-    """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first one."""
-    from harness.record.viewer import web_viewer_files
-    from harness.record.web_app import site
-    from harness.server.local_server import LocalServer, open_browser
-
-    with ended_by_signals():
-        app = site({recording.name: recording for recording in recordings}, web_viewer_files(), page=page, more=more)
-        server = LocalServer(app, port)
-        addresses = [server.address_of(path) for path in paths]
-        say("\n".join(["Serving until Ctrl-C:", *addresses]))
-        say_forwarding(server.port)
-        if not no_open:
-            open_browser(addresses[0])
-        server.run()
 
 
 def catalog(

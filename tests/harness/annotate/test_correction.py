@@ -25,7 +25,7 @@ from harness.annotate.app import PageServer
 from harness.annotate.correction import PATH, Correction, LabelQuery, choices, correct, correction_routes
 from harness.annotate.session import Session
 from harness.cli import app
-from harness.cli.view import step_through, wrong_verdicts
+from harness.cli.failures import Chosen, step_through, wrong_verdicts
 from harness.record import entities, viewer
 from harness.record.composed import served_recordings
 from harness.record.layers import ClipFiles, RecordingIds
@@ -306,7 +306,7 @@ def test_the_label_of_a_wrong_frame_is_set_right_by_keys(run: RunResults, monkey
     said = iter(["n", "w", "mug"])  # of the whole look, frames 2 and 3
     monkeypatch.setattr("sys.stdin", Terminal())
     monkeypatch.setattr("typer.prompt", lambda *_, **__: next(said))
-    step_through(run.path, None, "one", None)
+    step_through(run.path, Chosen(configuration="one"))
     assert shown == [2, 3]  # after the correction no frame is wrong
     _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
 
@@ -326,7 +326,7 @@ def failures(run: RunResults, browser: Chrome) -> Iterator[Chrome]:
     correct(run.directory, Correction(clip="desk", subject="anna", target="vase", first=2, last=3))
     recordings = served_recordings(run.path)
     more = (
-        *failures_routes(lambda: wrong_verdicts(read_scores(run.directory), None, None), recordings),
+        *failures_routes(lambda: wrong_verdicts(read_scores(run.directory), Chosen()), recordings),
         *correction_routes(run.directory),
     )
     app = site({recording.name: recording for recording in recordings.values()}, page_files(), more=more)

@@ -176,7 +176,7 @@ def test_the_served_page_links_to_recordings_and_is_made_anew_for_other_conditio
         (Path(run) / "tabletop__one.rrd").touch()
     served: dict[str, Any] = {}
     monkeypatch.setattr(
-        sys.modules["harness.cli.view"], "browse", lambda *given, **named: served.update(named, given=given)
+        sys.modules["harness.cli.serving"], "browse", lambda *given, **named: served.update(named, given=given)
     )
     invoked = CliRunner().invoke(app, ["compare", *runs, "--serve", "--where", "target=cup", "--where", "frame<40"])
     assert invoked.exit_code == 0, invoked.output

@@ -4,11 +4,12 @@ import contextlib
 import io
 import json
 import sys
+from dataclasses import replace
 
 import pytest
 
 from harness.cli import main
-from harness.cli.view import browse_failures, describe, next_place, wrong_verdicts
+from harness.cli.failures import Chosen, browse_failures, describe, next_place, wrong_verdicts
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.directory import RunDirectory
 from harness.score.reference import Reference
@@ -48,16 +49,20 @@ def _places(found: list[Verdict]) -> list[tuple[str, str, int]]:
 
 
 def test_failures_are_the_wrong_frames_recording_by_recording_in_time():
-    assert _places(wrong_verdicts(SCORES, None, None)) == [
+    assert _places(wrong_verdicts(SCORES, Chosen())) == [
         ("b", "two", 3),
         ("b", "two", 7),
         ("b", "one", 1),
         ("a", "two", 9),
     ]
-    assert _places(wrong_verdicts(SCORES, "b", None)) == [("b", "two", 3), ("b", "two", 7), ("b", "one", 1)]
-    assert _places(wrong_verdicts(SCORES, None, "two")) == [("b", "two", 3), ("b", "two", 7), ("a", "two", 9)]
-    assert _places(wrong_verdicts(SCORES, None, "two", "ann")) == [("b", "two", 7), ("a", "two", 9)]
-    assert wrong_verdicts(SCORES, "a", "one") == []
+    assert _places(wrong_verdicts(SCORES, Chosen(clip="b"))) == [("b", "two", 3), ("b", "two", 7), ("b", "one", 1)]
+    of_two = Chosen(configuration="two")
+    assert _places(wrong_verdicts(SCORES, of_two)) == [("b", "two", 3), ("b", "two", 7), ("a", "two", 9)]
+    of_ann = replace(of_two, subject="ann")
+    assert _places(wrong_verdicts(SCORES, of_ann)) == [("b", "two", 7), ("a", "two", 9)]
+    assert wrong_verdicts(SCORES, replace(of_ann, error_type="outscored")) == wrong_verdicts(SCORES, of_ann)
+    assert wrong_verdicts(SCORES, replace(of_ann, error_type="missed")) == []
+    assert wrong_verdicts(SCORES, Chosen(clip="a", configuration="one")) == []
 
 
 @pytest.mark.parametrize(
@@ -69,7 +74,7 @@ def test_keys_step_and_stop_at_both_ends(key: str, place: int, then: int | None)
 
 
 def test_a_failure_is_one_line_that_says_what_was_wrong():
-    line = describe(wrong_verdicts(SCORES, None, None), 1)
+    line = describe(wrong_verdicts(SCORES, Chosen()), 1)
     assert line == "2/4  b, two, frame 7: ann looks at cup, predicted book (outscored)"
 
 
@@ -95,9 +100,11 @@ def test_the_page_of_failures_is_scored_anew_only_after_it_was_shown(tmp_path, m
     clips = [{"name": "b", "frames": [1, 3, 7]}]
     write_manifest(RunDirectory(tmp_path), {"clips": clips, "configurations": {"two": {}}})
     scored, served = [], []
-    monkeypatch.setattr(finished_run, "read_scores", lambda directory: scored.append(directory) or SCORES)
-    monkeypatch.setattr(sys.modules["harness.cli.view"], "browse", lambda recordings, paths, more: served.extend(more))
-    browse_failures(tmp_path, None, None, None)
+    monkeypatch.setattr(finished_run, "read_scores", lambda directory, where: scored.append(directory) or SCORES)
+    monkeypatch.setattr(
+        sys.modules["harness.cli.failures"], "browse", lambda recordings, paths, more: served.extend(more)
+    )
+    browse_failures(tmp_path, Chosen())
     (listed,) = (route.endpoint for route in served if route.path == "/failures.json")
     counts = []
     for _ in range(3):
@@ -127,7 +134,7 @@ def step_through(tmp_path, monkeypatch):
             return True
 
     monkeypatch.setattr(viewer, "opened", opened)
-    monkeypatch.setattr(finished_run, "read_scores", lambda directory: SCORES)
+    monkeypatch.setattr(finished_run, "read_scores", lambda directory, where: SCORES)
 
     def step(keys, *options):
         monkeypatch.setattr(sys, "stdin", Terminal(keys))
@@ -163,6 +170,34 @@ def test_only_the_failures_of_a_subject_are_stepped_through(step_through, capsys
     assert "no subject 'anna'; did you mean 'ann'?" in capsys.readouterr().err
 
 
+def test_only_the_failures_of_an_error_type_are_stepped_through(step_through, capsys):
+    assert step_through("q\n", "--error", "outscored")[1] == [("b", 3, "two", "bob")]
+    assert step_through("q\n", "--error", "No hit")[0] == 0
+    assert "no_hit; there are: outscored (4)" in capsys.readouterr().out
+    assert step_through("q\n", "--error", "outscore")[0] == 2
+    assert "did you mean 'outscored'?" in capsys.readouterr().err
+
+
+def test_only_the_failures_of_frames_that_meet_a_condition_are_stepped_through(step_through, monkeypatch, capsys):
+    from harness.score import finished_run
+
+    asked = []
+    monkeypatch.setattr(finished_run, "read_scores", lambda directory, where: asked.extend(where) or SCORES)
+    assert step_through("q\n", "--where", "target=cup", "--where", "frame>2")[0] == 0
+    assert [each.text for each in asked] == ["target=cup", "frame>2"]
+    assert step_through("q\n", "--where", "targte=cup")[0] == 2
+    assert "did you mean 'target'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [("--where", "target=cup"), ("--error", "missed")])
+def test_conditions_on_failures_need_failures(option, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["vfoa", "view", str(tmp_path), *option])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "add --failures" in capsys.readouterr().err
+
+
 def test_a_run_without_labels_has_no_failures_because_nothing_is_scored(step_through, tmp_path, monkeypatch, capsys):
     from harness.score import finished_run
 
@@ -174,7 +209,7 @@ def test_a_run_without_labels_has_no_failures_because_nothing_is_scored(step_thr
     unlabelled = score(
         [frame_record([target_record(1, "cup")], [subject_record("ann")], clip="a")], Reference(labels={})
     )
-    monkeypatch.setattr(finished_run, "read_scores", lambda directory: unlabelled)
+    monkeypatch.setattr(finished_run, "read_scores", lambda directory, where: unlabelled)
     assert step_through("q\n") == (0, [])
     assert "no frame has a label" in capsys.readouterr().out
 

@@ -1,0 +1,206 @@
+"""The wrong frames of a run: step from one to the next by keys, or by links in a page."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from harness.cli.serving import browse
+from harness.cli.terminal import say
+from vfoa.errors import VfoaError, did_you_mean
+
+if TYPE_CHECKING:
+    from harness.record.composed import RecordedClip
+    from harness.score.judged_subjects import JudgedSubject
+    from harness.score.score import Scores
+    from harness.score.subset import Condition
+    from harness.score.verdicts import Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chosen:
+    """Which wrong frames to show; None: of every clip, configuration, subject and error type.
+
+    ``where``: only of labelled frames that meet all these conditions.
+    """
+
+    clip: str | None = None
+    configuration: str | None = None
+    subject: str | None = None
+    error_type: str | None = None
+    where: tuple[Condition, ...] = ()
+
+
+KEYS = "Enter or n: next, p: previous, w: the label is wrong, q: quit"
+
+
+def step_through(run: Path, chosen: Chosen) -> None:
+    """Open the viewer at a run's first wrong frame, and step to others by keys."""
+    if not sys.stdin.isatty():
+        raise VfoaError(
+            "view --failures: expected a terminal to read keys from, found none; --failures --web has links"
+        )
+    from harness.record import viewer
+    from harness.run.directory import RunDirectory
+    from harness.score.finished_run import read_scores
+
+    say(KEYS)
+    place: int | None = 0
+    while place is not None:
+        recordings = _recorded(run, chosen)
+        scores = read_scores(RunDirectory(run), chosen.where)
+        wrong = _that_can_be_shown(wrong_verdicts(scores, chosen), recordings)
+        if not wrong:
+            say(_nothing_to_show(scores, chosen))
+            return
+        shown = {each.files.clip: each.compose() for each in recordings}
+        place, is_corrected = min(place, len(wrong) - 1), False
+        with viewer.opened(instead="--failures --web has a link to each wrong frame, for any browser") as go_to:
+            while place is not None and not is_corrected:
+                at = wrong[place]
+                go_to(shown[at.clip], at.frame, (at.configuration, at.subject))
+                say(describe(wrong, place))
+                key = _key()
+                # the viewer would keep the old content of a corrected recording: it is opened again
+                is_corrected = key == "w" and _correct(run, at)
+                place = place if is_corrected else next_place(key, place, len(wrong))
+
+
+def _key() -> str:
+    """The key that is pressed; ``q`` for Ctrl-C and Ctrl-D."""
+    try:
+        return str(typer.prompt("", default="n", show_default=False, prompt_suffix="> ")).strip().lower()
+    except typer.Abort:
+        return "q"
+
+
+def next_place(key: str, place: int, count: int) -> int | None:
+    """The place, 0 to ``count`` - 1, that a key leads to; None ends. Both ends stay, and so does every other key."""
+    match key:
+        case "q":
+            return None
+        case "" | "n":
+            return min(place + 1, count - 1)
+        case "p":
+            return max(place - 1, 0)
+    return place
+
+
+def describe(wrong: Sequence[Verdict], place: int) -> str:
+    """One line: position among the wrong frames, clip, configuration, frame, subject, truth, prediction, error type."""
+    verdict = wrong[place]
+    where = f"{verdict.clip}, {verdict.configuration}, frame {verdict.frame}"
+    predicted = "no prediction" if verdict.predicted is None else f"predicted {verdict.predicted}"
+    answer = f"{verdict.subject} looks at {verdict.truth}, {predicted} ({verdict.error_type})"
+    return f"{place + 1}/{len(wrong)}  {where}: {answer}"
+
+
+def _correct(run: Path, wrong: Verdict) -> bool:
+    """Ask for the right target of a frame, and write it; return False if nothing was written."""
+    from harness.annotate.correction import Correction, choices, correct, look_around
+    from harness.run.directory import RunDirectory
+
+    directory = RunDirectory(run)
+    try:
+        look = look_around(directory, wrong.clip, wrong.subject, wrong.frame)
+        names = ", ".join(choices(directory, wrong.clip, wrong.subject))
+        say(f"{names}; FIRST-LAST for other frames than the whole look, {look.first}-{look.last}")
+        answer = typer.prompt("right target [FIRST-LAST], or nothing", default="", show_default=False).strip()
+        if not answer:
+            return False
+        target, first, last = _target_and_frames(answer, look.first, look.last)
+        correction = Correction(clip=wrong.clip, subject=wrong.subject, target=target, first=first, last=last)
+        say(f"{correct(directory, correction)}: {correction}. Tables, page and recordings are updated.")
+    except (VfoaError, typer.Abort) as error:
+        say(f"vfoa: {error or 'nothing was changed'}", err=True)
+        return False
+    return True
+
+
+def _target_and_frames(answer: str, first: int, last: int) -> tuple[str, int, int]:
+    """Parse a target and the frames: ``red cup`` for the look, which has these ends, ``red cup 12-20`` for others."""
+    if match := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", answer):
+        return match[1], int(match[2]), int(match[3])
+    return answer, first, last
+
+
+def browse_failures(run: Path, chosen: Chosen) -> None:
+    """Serve the recordings of a run, and a page that steps through its wrong frames beside the web viewer."""
+    from harness.annotate.correction import correction_routes
+    from harness.record.composed import served_recordings
+    from harness.record.web_app import failures_routes
+    from harness.run.directory import RunDirectory
+    from harness.score.finished_run import read_scores
+
+    directory = RunDirectory(run)
+    recorded = _recorded(run, chosen)
+
+    def wrong() -> list[Verdict]:
+        return wrong_verdicts(read_scores(directory, chosen.where), chosen)
+
+    scores = read_scores(directory, chosen.where)
+    found = wrong_verdicts(scores, chosen)
+    if not (shown := _that_can_be_shown(found, recorded)):
+        say(_nothing_to_show(scores, chosen))
+        return
+    recordings, known = served_recordings(run), iter([found])  # the page that opens now shows what was counted
+    say(f"{len(shown)} wrong frames")
+    failures = failures_routes(lambda: next(known, None) or wrong(), recordings)
+    browse(recordings.values(), ["/"], more=(*failures, *correction_routes(directory)))
+
+
+def _recorded(run: Path, chosen: Chosen) -> list[RecordedClip]:
+    """The recordings of each clip of a run; an unknown name is an error."""
+    from harness.record.composed import find_clips
+
+    clips = find_clips(run, chosen.clip, chosen.configuration)
+    subjects = list(dict.fromkeys(name for recorded_clip in clips for name in recorded_clip.subjects))
+    if chosen.subject is not None and chosen.subject not in subjects:
+        raise VfoaError(f"{run}: no subject {chosen.subject!r}; {did_you_mean(chosen.subject, subjects)}")
+    return clips
+
+
+def _that_can_be_shown(wrong: Sequence[Verdict], recordings: Sequence[RecordedClip]) -> list[Verdict]:
+    """The wrong frames with a recording; how many have none is printed."""
+    recorded = {(each.files.clip, layer.configuration) for each in recordings for layer in each.layers}
+    shown = [verdict for verdict in wrong if (verdict.clip, verdict.configuration) in recorded]
+    if left_out := len(wrong) - len(shown):
+        say(f"vfoa: {left_out} wrong frames have no recording: they are left out", err=True)
+    return shown
+
+
+def wrong_verdicts(scores: Scores, chosen: Chosen) -> list[Verdict]:
+    """The wrong verdicts, grouped by recording and sorted by frame."""
+    judged = (of_subject.judged for of_subject in _judged(scores, chosen))
+    wrong = (verdict for each in judged for verdict in each.where(each.is_wrong).verdicts())
+    clips, configurations = scores.clips.index, scores.configurations.index
+    return sorted(
+        (verdict for verdict in wrong if chosen.error_type in (None, verdict.error_type)),
+        key=lambda verdict: (clips(verdict.clip), configurations(verdict.configuration), verdict.frame),
+    )
+
+
+def _nothing_to_show(scores: Scores, chosen: Chosen) -> str:
+    """Why there is no failure: also because nothing is labelled."""
+    if not any(len(of_subject.frames) for of_subject in _judged(scores, chosen)):
+        return "Nothing is scored: no frame has a label."
+    others = Counter(verdict.error_type for verdict in wrong_verdicts(scores, replace(chosen, error_type=None)))
+    if not others:
+        return "No wrong frame."
+    counts = ", ".join(f"{name} ({count})" for name, count in others.most_common())
+    return f"No wrong frame is {chosen.error_type}; there are: {counts}."
+
+
+def _judged(scores: Scores, chosen: Chosen) -> Iterator[JudgedSubject]:
+    """What was judged of the chosen clip, configuration and subject."""
+    for each in scores.judged_subjects:
+        asked = (chosen.clip, each.clip), (chosen.configuration, each.configuration), (chosen.subject, each.subject)
+        if all(wanted in (None, name) for wanted, name in asked):
+            yield each
