@@ -57,9 +57,12 @@ def box_of(center_m: ArrayLike, size_m: ArrayLike, left_from_box: Float | None =
     return Box3D(center_m=np.array(center_m), half_size_m=np.array(size_m) / 2, left_from_box=rotation)
 
 
-def target_of(number: int, category: str, category_id: int, box: Box3D | None) -> Target:
-    """The target under this number that was measured without an image: it has a box, and neither mask nor cloud."""
-    instance = Instance(id=number, label=category, category_id=category_id, is_thing=True, score=1.0)
+def target_of(number: int, category: str, category_id: int, box: Box3D | None, name: str | None = None) -> Target:
+    """The target under this number that was measured without an image: it has a box, and neither mask nor cloud.
+
+    ``name`` is the source's own name of it.
+    """
+    instance = Instance(id=number, label=category, category_id=category_id, is_thing=True, score=1.0, name=name)
     return Target(instance=instance, box_px=None, points_left=np.zeros((0, 3), np.float32), box=box)
 
 

@@ -286,7 +286,7 @@ class FramesOfMeasurements:
     def _target(self, name: str, box: Box3D | None) -> Target:
         number = self.people[name] if name in self.people else self.objects[name]
         category = self.categories[name]
-        return target_of(number, category, self._kinds[category], box)
+        return target_of(number, category, self._kinds[category], box, name)
 
     def truth(self, number: int) -> Truth:
         """Return the true gaze and target of people, where a source knows them; their heads are as measured."""

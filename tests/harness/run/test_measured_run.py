@@ -25,7 +25,7 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from tests.disk import write_text
-from tests.measured import EXPERIMENT, measured_tables, true_labels
+from tests.measured import ANNA, BEN, EXPERIMENT, ROBOT, measured_tables, true_labels
 from tests.records import tables_of
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
@@ -99,6 +99,22 @@ def test_workers_change_nothing(talk: Path) -> None:
     one = tables_of(_run(talk))
     shutil.rmtree(talk / "run")
     assert tables_of(_run(talk, workers=2)) == one
+
+
+@pytest.mark.parametrize("is_numbered", [True, False])
+def test_people_and_objects_have_the_names_of_their_rows_in_any_order(talk: Path, is_numbered: bool) -> None:
+    for name in ("people.csv", "objects.csv"):
+        header, *rows = (talk / "data" / "talk" / name).read_text().splitlines()
+        write_text(talk / "data" / "talk" / name, "\n".join([header, *reversed(rows)]) + "\n")
+    path = talk / "datasets" / "talk.toml"
+    text = path.read_text() if is_numbered else re.sub(r"(?m)^instance = .*\n", "", path.read_text())
+    assert text.count("instance = ") == (4 if is_numbered else 0)
+    path.write_text(text)
+    record = next(iter(read_records(_run(talk))))
+    places = {subject.name: subject.eye_origin_m for subject in record.subjects}
+    np.testing.assert_allclose([places["anna"], places["ben"]], [ANNA, BEN], atol=1e-6)
+    middles = {target.name: target.box.center_m for target in record.targets if target.box}
+    np.testing.assert_allclose([middles["robot"], middles["anna"]], [ROBOT, ANNA], atol=1e-6)
 
 
 def test_a_name_that_the_tables_do_not_have_is_found_by_the_check(talk: Path) -> None:
