@@ -48,11 +48,15 @@ class MemoryTables(TableFiles):
         return self._made[table].select(columns)
 
 
-def columns_of(records: Sequence[FrameRecord], words: Words) -> PairColumns:
+SizePx = tuple[int, int] | tuple[None, None]
+"""Width and height of images; None: the clip has none."""
+
+
+def columns_of(records: Sequence[FrameRecord], words: Words, size_px: SizePx = (None, None)) -> PairColumns:
     """The columns of one configuration on one clip, from its records in any order."""
     rows: dict[str, list[Row]] = {table: [] for table in TABLES if table != "clouds"}
     for record in sorted(records, key=lambda record: record.frame):
-        for table, of_frame in (_scene_rows(record) | _directions_rows(record, ())).items():
+        for table, of_frame in (_scene_rows(record, size_px) | _directions_rows(record, ())).items():
             rows[table] += of_frame
         rows["answers"] += answer_rows(record, ())
     tables = MemoryTables(rows)
@@ -93,12 +97,12 @@ def write_tables(directory: RunDirectory, by_pair: Mapping[Pair, Sequence[FrameR
     remove_unused(directory)
 
 
-def _scene_rows(record: FrameRecord) -> dict[str, Iterable[Row]]:
+def _scene_rows(record: FrameRecord, size_px: SizePx = (None, None)) -> dict[str, Iterable[Row]]:
     measures, frame = _measures(record), record.frame
     disparity = measures.disparity if measures else None
     about = (frame, record.time_ns, record.masks_from, record.masks_age_s, measures is not None)
     return {
-        "frames": [(*about, *(astuple(disparity) if disparity else (None,) * 3), *(None,) * 8, False, False)],
+        "frames": [(*about, *(astuple(disparity) if disparity else (None,) * 3), *size_px, *(None,) * 6, False, False)],
         "instances": [
             (
                 *(frame, each.instance_id, each.name, each.label, None, 0, True, each.score, each.box_px, each.points),

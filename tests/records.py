@@ -20,7 +20,7 @@ from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.score import score as score_columns
 from tests.disk import LABELS_HEADER, write_text
-from tests.record_tables import columns_of, write_tables
+from tests.record_tables import SizePx, columns_of, write_tables
 from vfoa import __version__
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -182,10 +182,10 @@ def score_run(folder: Path, records: Iterable[FrameRecord], reference: Reference
     write_scores(directory, found, run_manifest(reference.labels), stage_times(directory))
 
 
-def columns_by_pair(records: Iterable[FrameRecord]) -> list[PairColumns]:
-    """The columns of every (clip, configuration), in the order in which records name them."""
+def columns_by_pair(records: Iterable[FrameRecord], size_px: SizePx = (None, None)) -> list[PairColumns]:
+    """The columns of every (clip, configuration), in the order in which records name them, with images of a size."""
     words = Words()
-    return [columns_of(of_pair, words) for of_pair in _by_pair(records).values()]
+    return [columns_of(of_pair, words, size_px) for of_pair in _by_pair(records).values()]
 
 
 def scored_records(records: Iterable[FrameRecord], reference: Reference) -> Scored:

@@ -69,7 +69,8 @@ class SceneColumns:
     ``firsts[k + 1]``; ``names`` (N,) are codes of their names. Boxes in the image (N, 4), px, and centres of 3D boxes
     (N, 3), metres in the left camera's frame, are NaN where there are none. ``person_at`` (P,) is the place of a
     person's frame, ``bodies`` the id of the person's instance, :data:`NO_ID` without one, ``head_heights_px`` (P,) the
-    height of the head's box, NaN without images. ``is_held`` (N,) says which 3D boxes are at the depth of an earlier
+    height of the head's box, NaN without images, and ``is_cut`` says whether the box ends at the image's border.
+    ``is_held`` (N,) says which 3D boxes are at the depth of an earlier
     frame.
     """
 
@@ -89,6 +90,7 @@ class SceneColumns:
     person_names: Codes
     bodies: NDArray[np.int64]
     head_heights_px: Float
+    is_cut: Flags
 
     def instances_of(self, at: Codes) -> Codes:
         """The rows of the instances of frames (n, K), :data:`UNKNOWN` where a frame has fewer than K."""

@@ -93,9 +93,12 @@ class ColumnReader:
         return measure_columns(scene, TableFiles(tables), self.words)
 
 
+_OF_FRAMES = ("frame", "time_ns", "has_truth", "width_px", "height_px", "fx_px", "baseline_m", "has_right")
+
+
 def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]) -> SceneColumns:
     """Read the columns of a scene; a :class:`VfoaError` says that its tables do not fit each other."""
-    about = tables.read("frames", ("frame", "time_ns", "has_truth", "fx_px", "baseline_m", "has_right"))
+    about = tables.read("frames", _OF_FRAMES)
     frames = _numbers(about, "frame")
     check_ascending(tables.paths["frames"], frames.tolist())
     of_instances = ("frame", "instance_id", "name", "box_px", "center_m", "depth_from")
@@ -105,6 +108,9 @@ def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]
     of_people = ("frame", "track_id", "name", "instance_id", "head_box_px")
     people, person_at = _in_order(tables, "people", of_people, frames)
     heads_px = _vectors(people, "head_box_px", 4)
+    sizes_px = np.stack([_numbers(about, name, np.iinfo(np.int32).max) for name in ("width_px", "height_px")], axis=1)[
+        person_at
+    ]
     return SceneColumns(
         frames=frames,
         times_ns=_numbers(about, "time_ns"),
@@ -124,6 +130,7 @@ def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]
         person_names=_words(people, "name", words),
         bodies=_numbers(people, "instance_id", NO_ID),
         head_heights_px=heads_px[:, 3] - heads_px[:, 1],
+        is_cut=np.any([heads_px[:, :2] <= 0, heads_px[:, 2:] >= sizes_px - 1], axis=(0, 2)),
     )
 
 

@@ -22,6 +22,8 @@ SMALL_HEAD_PX = 60
 COARSE_DEPTH_M = 0.25
 """Error of the depth of eyes by half a pixel of disparity above which it outweighs that of a gaze: at a thing that is a
 metre away, it is 14 degrees."""
+CUT_SHARE = 0.2
+"""Share of heads at the image's border above which it is told (`python -m scripts.measure cut_faces`)."""
 HELD_SHARE = 0.1
 """Share of boxes or eyes at the depth of an earlier frame above which a matcher is said to miss them."""
 
@@ -35,6 +37,7 @@ def data_notes(judged: Mapping[Pair, PairVerdicts], settings: Mapping[str, Setti
         _other_axes,
         _other_unit,
         _small_heads,
+        _cut_heads,
         _held_depth,
         _coarse_depth,
     )
@@ -78,6 +81,17 @@ def _small_heads(part: PairVerdicts, settings: Settings) -> str:
         f"heads are {height_px:.0f} px high (median). Faces shrunk below {SMALL_HEAD_PX} px turn the gazes of networks "
         "by 10 to 30 degrees, and their head poses by 2 to 9: film nearer or with more pixels, or try the head alone "
         "(--set gaze.model=none)"
+    )
+
+
+def _cut_heads(part: PairVerdicts, settings: Settings) -> str:
+    """Heads of which networks see a part."""
+    is_seen = any(_looks_at_pixels(settings, table, "model") for table in ("gaze", "head_pose"))
+    if not is_seen or part.cut_heads <= CUT_SHARE:
+        return ""
+    return (
+        f"the image's border cuts {100 * part.cut_heads:.0f} % of the heads. A fifth to two fifths of a face cut off "
+        "turn gazes by 6 to 18 degrees and head poses by 6 to 14: film so that heads are whole"
     )
 
 

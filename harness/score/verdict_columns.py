@@ -117,7 +117,8 @@ class PairVerdicts:
     ``aims`` (n, 2, 3) are some directions, each with the vector from the eyes to what the label says.
     ``head_widths_m`` and ``head_heights_px`` are some widths and heights of heads, ``depths_m`` some depths of eyes (n,
     2), each with the change of it by a pixel of disparity, ``targets`` the names of all targets that were found.
-    ``held_boxes`` and ``held_eyes`` are the shares of 3D boxes and eyes at the depth of an earlier frame, 0 of none.
+    ``held_boxes`` and ``held_eyes`` are the shares of 3D boxes and eyes at the depth of an earlier frame, ``cut_heads``
+    that of heads that the image's border cuts; 0 of none.
     """
 
     words: Words
@@ -132,6 +133,7 @@ class PairVerdicts:
     depths_m: Float
     held_boxes: float
     held_eyes: float
+    cut_heads: float
     targets: frozenset[str]
 
     def is_in(self, frames: NDArray[np.int64], phase: str) -> Flags:
@@ -183,6 +185,7 @@ def judge_columns(
         depths_m=np.stack([depths_m, steps_m], axis=1)[np.isfinite(steps_m)],
         held_boxes=_share(scene.is_held[~np.isnan(scene.centers_m[:, 0])]),
         held_eyes=_share(looks.is_held[~np.isnan(looks.eyes_m[:, 0])]),
+        cut_heads=_share(scene.is_cut[~np.isnan(scene.head_heights_px)]),
         targets=frozenset(str(word) for word in words.words(np.unique(scene.names))),
     )
 

@@ -62,6 +62,34 @@ def test_faces_too_small_for_a_gaze_network_are_told(
 
 
 @pytest.mark.parametrize(
+    ("box", "model", "is_told"),
+    [
+        ((10.0, 20.0, 90.0, 120.0), "adas_0002", False),
+        ((-5.0, 20.0, 90.0, 120.0), "adas_0002", True),
+        ((10.0, 0.0, 90.0, 120.0), "adas_0002", True),
+        ((560.0, 20.0, 639.5, 120.0), "adas_0002", True),
+        ((10.0, 380.0, 90.0, 481.0), "adas_0002", True),
+        ((-5.0, 20.0, 90.0, 120.0), "truth", False),
+        (None, "adas_0002", False),
+    ],
+)
+@pytest.mark.parametrize("stage", ["gaze", "head_pose"])
+@pytest.mark.parametrize("cut", [2, 3])
+def test_heads_that_the_border_cuts_are_told(
+    box: tuple[float, float, float, float] | None, model: str, is_told: bool, stage: str, cut: int
+) -> None:
+    """In 10 frames of 640 x 480 pixels: 2 of 10 are not too many."""
+    whole = (100.0, 100.0, 180.0, 200.0)
+    records = [
+        frame_record(subjects=[replace(subject_record("girl"), head_box_px=box if n < cut else whole)], frame=1 + n)
+        for n in range(10)
+    ]
+    (columns,) = columns_by_pair(records, size_px=(640, 480))
+    notes = score_columns([columns], Reference(labels={}, settings={"one": {stage: {"model": model}}})).notes
+    assert ["border cuts 30 %" in note.text for note in notes] == [True] * (is_told and cut == 3)
+
+
+@pytest.mark.parametrize(
     ("boxes", "eyes", "told"),
     [
         (0, 0, []),
