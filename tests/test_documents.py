@@ -11,18 +11,23 @@ from typing import Any
 
 import pytest
 import yaml
+from pydantic import BaseModel
 from typer.main import get_command
 
 import harness
 from harness.cli import app
+from harness.clips.manifest import ClipManifest
 from harness.files.folders import names
 from harness.pipeline.settings_reference import setting_keys
+from harness.run.experiment import _File
 from harness.run.tables import TABLES
 from harness.score.verdicts import ERROR_TYPES
+from harness.sources import ADAPTERS
 from scripts.pictures import PICTURES
 from scripts.quoted_figures import renewed
 from scripts.site_pages import columns_page, commands_page, settings_page
 from tests.repository import REPOSITORY
+from vfoa.validation import _models_in
 
 PAGES = sorted(
     path
@@ -137,6 +142,28 @@ def test_the_page_of_columns_has_every_column_of_the_tables_of_frames() -> None:
     assert [
         (name, key) for name, columns in TABLES.items() for key in columns if f"| `{key}` |" not in sections[name]
     ] == []
+
+
+def _keys(model: type[BaseModel]) -> set[str]:
+    """The keys of a table and of the tables in it, as a file has them."""
+    fields = model.model_fields.items()
+    nested = (_keys(each) for _, field in fields for each in _models_in(field.annotation))
+    return {field.alias or name for name, field in fields}.union(*nested)
+
+
+def test_every_key_of_an_experiment_is_documented() -> None:
+    page = (REPOSITORY / "docs" / "frr-table.md").read_text(encoding="utf-8")
+    _, _, rest = page.partition("### All keys of an experiment")
+    section, _, _ = rest.partition("\n## ")
+    words = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", section))))
+    assert _keys(_File) - words == set()
+
+
+def test_every_key_of_a_manifest_is_documented() -> None:
+    page = (REPOSITORY / "datasets" / "README.md").read_text(encoding="utf-8")
+    words = set(re.findall(r"\w+", page))
+    settings = [ADAPTERS.load(name).Settings for name in ADAPTERS.names()]
+    assert set().union(*map(_keys, [ClipManifest, *settings])) - words == set()
 
 
 def test_the_page_of_statistics_has_every_error_type_in_their_order() -> None:
