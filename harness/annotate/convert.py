@@ -117,7 +117,8 @@ def _check_size(imported: Imported, manifest: ClipManifest, source: Path) -> Non
     if imported.size_px is not None and imported.size_px != own:
         found, expected = (f"{width} x {height}" for width, height in (imported.size_px, own))
         raise VfoaError(
-            f"{source}: has shapes in images of {found} pixels; expected {expected}, the clip's rectified left images "
+            f"{source}: found shapes on images of {found} pixels; expected {expected}, the clip's rectified left "
+            "images "
             f"(vfoa clips export {manifest.name} FOLDER writes them)"
         )
 

@@ -170,7 +170,9 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
         query = parse(LabelQuery, {**request.query_params}, "label")
         subjects = tuple(_manifest(directory, query.clip).subjects)
         if not subjects:
-            raise VfoaError(f"{query.clip}: its manifest names no subject; expected one to label")
+            raise VfoaError(
+                f"{query.clip}: found no subject in its manifest; expected [subjects.NAME], a person to label"
+            )
         subject = query.subject or subjects[0]
         targets = choices(directory, query.clip, subject)
         look = look_around(directory, query.clip, subject, query.frame)

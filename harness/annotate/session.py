@@ -68,7 +68,7 @@ class Session:
         _check_choices(run, configuration, blind, uncertain_first)
         manifest = load_manifest(clip)
         if not manifest.subjects:
-            raise VfoaError(f"{manifest.path}: subjects: none; expected at least one person to label")
+            raise VfoaError(f"{manifest.path}: found no subject; expected [subjects.NAME], a person to label")
         self._clip = open_clip(manifest)
         self._frames = tuple(self._clip.frames)
         if not self._frames:

@@ -153,7 +153,7 @@ def _faces_experiment(
 
     def experiment(added: Added, clip: Clip | MeasuredClip) -> dict[Path, str]:
         if added.rig is None:
-            raise VfoaError(f"--{program}: expected a clip with images, found measurements")
+            raise VfoaError(f"--{program}: found {added.layout}, a clip of measurements; expected a clip with images")
         parts = parts_in(table, program)
         lines = [
             f"# Heads, head poses and gazes of {program}, made by `vfoa clips add`",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -89,7 +90,7 @@ def export_clip(
         raise VfoaError(f"{to}: a film has neither right images nor JPEG; expected a folder, or no such option")
     opened = load_manifest(clip).open()
     if isinstance(opened, MeasuredClip):
-        raise VfoaError(f"{clip}: a clip of measurements, without images")
+        raise VfoaError(f"{clip}: found a clip of measurements; expected one with images")
     frames = opened.frames[:limit]
     with exit_if_interrupted([f"interrupted; nothing is left in {to}"]), frames_bar(len(frames), clip) as advance:
         if is_film:
@@ -116,6 +117,7 @@ def fetch_clips(
     calibration board, samples of OpenCV.
     """
     from harness.clips import fetch
+    from harness.clips.manifest import FETCHED
     from harness.files.remote import expand
 
     repositories: dict[str, tuple[str, str, str, Callable[[Path], None]]] = {
@@ -123,7 +125,12 @@ def fetch_clips(
         "vr_objects": (fetch.VR_LICENCE, fetch.VR_HOME, "data", _convert_vr_objects),
         "opencv_stereo": (fetch.OPENCV_LICENCE, fetch.OPENCV_HOME, "", lambda root: None),
     }
-    check_known(source, ["sintel", *repositories], "clips fetch: no")
+    check_known(source, FETCHED, "clips fetch: no")
+    if out is None and not os.environ.get("VFOA_DATA"):
+        raise VfoaError(
+            "clips fetch: the environment variable VFOA_DATA is not set; set it to your folder of data sets, in which "
+            "runs find the clips, or give --out DIRECTORY"
+        )
     root = out or expand(f"${{VFOA_DATA}}/{source}", Path.cwd(), "clips fetch")
     if source in repositories:
         licence, home, folder, finish = repositories[source]

@@ -111,8 +111,8 @@ def _correct(run: Path, wrong: Verdict) -> bool:
     try:
         look = look_around(directory, wrong.clip, wrong.subject, wrong.frame)
         names = ", ".join(choices(directory, wrong.clip, wrong.subject))
-        say(f"{names}; FIRST-LAST for other frames than the whole look, {look.first}-{look.last}")
-        answer = typer.prompt("right target [FIRST-LAST], or nothing", default="", show_default=False).strip()
+        say(f"Targets: {names}. Frames: {look.first}-{look.last}, the whole look; add FIRST-LAST for others.")
+        answer = typer.prompt("right target [FIRST-LAST], or Enter to go back", default="", show_default=False).strip()
         if not answer:
             return False
         target, first, last = _target_and_frames(answer, look.first, look.last)

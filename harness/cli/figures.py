@@ -16,22 +16,26 @@ def figures(
     out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Directory to write the files into.")],
     clip: Annotated[
         str | None,
-        typer.Option(metavar="CLIP", help="Draw a failure of this clip as the strip.", autocompletion=clip_names),
+        typer.Option(
+            metavar="CLIP", help="Draw a failure of this clip in the figure failure.", autocompletion=clip_names
+        ),
     ] = None,
     config: Annotated[
         str | None,
         typer.Option(
             metavar="CONFIGURATION",
-            help="Draw a failure of this configuration as the strip.",
+            help="Draw a failure of this configuration in the figure failure.",
             autocompletion=configuration_names,
         ),
     ] = None,
     subject: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Draw a failure of this person as the strip.", callback=composed_name),
+        typer.Option(
+            metavar="NAME", help="Draw a failure of this person in the figure failure.", callback=composed_name
+        ),
     ] = None,
     frame: Annotated[
-        int | None, typer.Option(metavar="FRAME", help="Draw a failure in this frame as the strip.")
+        int | None, typer.Option(metavar="FRAME", help="Draw the failure in this frame in the figure failure.")
     ] = None,
     replace: Replace = False,
 ) -> None:

@@ -265,7 +265,9 @@ def experiment_of(
     for name in what:
         if not name.endswith(".toml") and name not in clips_known and not is_pattern(name):
             hint = did_you_mean(name, ["benchmark", "paper_cases", *names("experiments"), *clips_known])
-            raise VfoaError(f"run: no experiment or clip {name!r}; {hint}, or a .toml file")
+            raise VfoaError(
+                f"run: no experiment or clip {name!r}; {hint}, or a .toml file; vfoa clips add PATH makes a clip"
+            )
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default
 

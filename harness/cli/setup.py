@@ -68,7 +68,7 @@ def doctor() -> None:
     findings = [*_packages(), *_weights(), *_surroundings()]
     needed = [finding.what for finding in (*findings, *folders) if finding.required and finding.fix]
     if needed:
-        say(f"vfoa: doctor: `vfoa run CLIP` cannot work yet; not ready: {', '.join(needed)}{_fetch_all()}", err=True)
+        say(f"vfoa: doctor: `vfoa run CLIP` does not work yet; not ready: {', '.join(needed)}{_fetch_all()}", err=True)
     else:
         say("`vfoa run CLIP` can work here.")
     print_table(
@@ -89,7 +89,7 @@ def _fetch_all() -> str:
 
     (default,) = load_experiment("default", clips=("any",)).configurations
     missing = missing_weights(default.stages)
-    return f"; `{missing.fetch}` fetches the models it takes" if missing else ""
+    return f"; fetch its models: `{missing.fetch}`" if missing else ""
 
 
 def _packages() -> Iterator[Finding]:

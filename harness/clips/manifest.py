@@ -9,7 +9,8 @@ import difflib
 import os
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
@@ -39,6 +40,9 @@ class PhaseRule(Settings):
     things: int = Field(ge=0)
 
 
+FETCHED = ("idiap_vfoa", "opencv_stereo", "sintel", "vr_objects")
+"""What ``vfoa clips fetch`` downloads, each to a folder of this name in ``VFOA_DATA``."""
+_FETCHED_ROOT = re.compile(rf"\$\{{VFOA_DATA\}}/({'|'.join(FETCHED)})(/.*)?")
 _CLIP_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.-]*(_[A-Za-z0-9.-]+)*")
 
 
@@ -162,7 +166,24 @@ class ClipManifest(Settings):
 
     def resolve_root(self) -> Path | None:
         """Return the root with its variables filled in, relative to the manifest; it need not exist."""
-        return None if self.root is None else expand(self.root, self._path.parent, f"{self._path}: root")
+        with self._fetch_named():
+            return None if self.root is None else expand(self.root, self._path.parent, f"{self._path}: root")
+
+    @property
+    def fetch_hint(self) -> str:
+        """The command that downloads the root, to end a message with; empty for a clip that none downloads."""
+        match = _FETCHED_ROOT.fullmatch(self.root or "")
+        return f"; fetch it: vfoa clips fetch {match[1]}" if match else ""
+
+    @contextmanager
+    def _fetch_named(self, root: Path | None = None) -> Iterator[None]:
+        """End the messages of errors with :attr:`fetch_hint`, if the root is not there."""
+        try:
+            yield
+        except VfoaError as error:
+            if root is not None and root.exists():
+                raise
+            raise VfoaError(f"{error}{self.fetch_hint}") from None
 
     def with_root(self, root: Path) -> ClipManifest:
         """Return the same clip with its files in another folder."""
@@ -195,7 +216,7 @@ class ClipManifest(Settings):
             adapter = ADAPTERS.load(self.adapter)
         settings = parse(adapter.Settings, self.source, str(self._path), "source")
         root = self.resolve_root()
-        with located(self._path), collected_later():
+        with self._fetch_named(root), located(self._path), collected_later():
             clip: Clip | MeasuredClip = adapter(settings, root)
             _check_times(clip)
         return clip
@@ -324,8 +345,11 @@ def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]
         roots = {clip: load_manifest(clip).resolve_root() for clip in known[name]}
         present = [clip for clip, root in roots.items() if root is None or root.exists()]
         if not present:
-            first = next(iter(roots.values()))
-            raise VfoaError(f"{name}: none of its {len(roots)} clips is here; expected the first one at {first}")
+            clip, root = next(iter(roots.items()))
+            raise VfoaError(
+                f"{name}: none of its {len(roots)} clips is here; expected the first one at {root}"
+                f"{load_manifest(clip).fetch_hint}"
+            )
         here += present
         absent += [clip for clip in roots if clip not in present]
     return tuple(dict.fromkeys(here)), tuple(absent)

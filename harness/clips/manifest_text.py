@@ -66,7 +66,10 @@ def with_change(path: Path, name: str, *, new_name: str, key: str | None, colour
     table[name]["colour"] = colour
     if new_name != name:
         if is_subject:
-            raise VfoaError(f"{path}: subjects.{name}: only targets are renamed here")
+            raise VfoaError(
+                f"{path}: found the name of a subject; expected a target: to rename a subject, edit it here and in the "
+                "annotation files"
+            )
         if new_name in {*manifest.targets, *manifest.subjects}:
             raise VfoaError(f"{path}: targets.{new_name}: exists already; expected a new name")
         table[name]["formerly"] = [former for former in (*table[name].get("formerly", ()), name) if former != new_name]

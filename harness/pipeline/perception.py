@@ -304,7 +304,10 @@ class Perception:
         chosen: dict[str, Any] = {slot: self._stages.get(key) for slot, key in keys.items()}
         for slot in ("stereo", "segmentation", "heads"):
             if chosen[slot] is None:
-                raise VfoaError(f'{slot}.{STAGES[slot].key}: found "none"; a clip with images needs it')
+                raise VfoaError(
+                    f'{slot}.{STAGES[slot].key}: found "none"; expected a stage, which a clip with images needs (vfoa '
+                    f"settings {slot})"
+                )
         drawing = self._drawing(configuration)
         drawn = configuration.drawn if drawing else None
         gaze = chosen["gaze"]

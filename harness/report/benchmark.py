@@ -130,7 +130,7 @@ def material_experiment(
         If its clips are not here, or a setting is wrong.
     """
     if not is_experiment(material.experiment):
-        raise VfoaError(f"no experiment {material.experiment!r} here")
+        raise VfoaError(f"found no experiment {material.experiment!r}")
     experiment = load_experiment(material.experiment, overrides=material.settings)
     for clip in experiment.clips:
         load_manifest(clip).open()

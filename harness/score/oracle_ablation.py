@@ -56,7 +56,8 @@ def with_oracle_ablation(experiment: Experiment) -> Experiment:
     ]
     if len(configurations) == len(experiment.configurations):
         raise VfoaError(
-            f"{experiment.name}: --oracle: no stage that truth could replace; {'; '.join(notes) or 'all true'}"
+            f"{experiment.name}: --oracle: found no stage that the ground truth can replace: "
+            f"{'; '.join(notes) or 'all are the ground truth'}"
         )
     return replace(experiment, configurations=tuple(configurations), notes=(*experiment.notes, *map(Note, notes)))
 

@@ -28,7 +28,9 @@ def check_camera(size_px: tuple[int, int], focal_px: tuple[float, float], place_
     """
     if not all(SIDE_PX[0] <= side <= SIDE_PX[1] for side in size_px):
         width, height = size_px
-        raise VfoaError(f"images of {width} x {height} pixels; expected {SIDE_PX[0]} to {SIDE_PX[1]} on each side")
+        raise VfoaError(
+            f"found images of {width} x {height} pixels; expected {SIDE_PX[0]} to {SIDE_PX[1]} on each side"
+        )
     if not all(FOCAL_PX[0] <= focal <= FOCAL_PX[1] for focal in focal_px):
         raise VfoaError(f"fx, fy: found {_listed(focal_px)}; expected {FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} pixels")
     if not all(abs(place) <= PLACE_PX for place in place_px):

@@ -110,7 +110,9 @@ class RawCalibration:
             _check_shape("P", camera.p, (3, 4), where)
         if self.left.size_px != self.right.size_px:
             raise VfoaError(
-                f"{self.where}: left is {self.left.size_px} pixels, right {self.right.size_px}; expected the same"
+                "{}: found a left camera of {} x {} pixels and a right one of {} x {}; expected the same size".format(
+                    self.where, *self.left.size_px, *self.right.size_px
+                )
             )
         self.rectified()
 
@@ -367,7 +369,7 @@ def with_baseline(left: RawCamera, right: RawCamera, baseline_m: float, where: s
     """
     unset = [side for side, camera in (("left", left), ("right", right)) if not camera.r.any()]
     if len(unset) == 1:
-        raise VfoaError(f"{where}: {unset[0]}: R: found zeros; expected the rotation, as of the other camera")
+        raise VfoaError(f"{where}: {unset[0]}: R: found zeros; expected a rotation, since the other camera has one")
     shared = next((camera.p[:, :3] for camera in (left, right) if camera.has_p), left.k)
     projections = [
         camera.p.copy() if camera.has_p else np.column_stack([shared, np.zeros(3)]) for camera in (left, right)

@@ -335,7 +335,7 @@ def split_views(image: Image, packing: Packing, where: str) -> tuple[Image, Imag
     """Split an image (H, W, 3) into left and right view: left is the left, or the upper half."""
     axis = 1 if packing == "side_by_side" else 0
     if image.shape[axis] % 2:
-        length = f"the {('height', 'width')[axis]} is {image.shape[axis]} pixels"
+        length = f"found a {('height', 'width')[axis]} of {image.shape[axis]} pixels"
         raise VfoaError(f"{where}: {length}; expected an even number, for two views {packing}")
     first, second = np.split(image, 2, axis=axis)
     return np.ascontiguousarray(first), np.ascontiguousarray(second)

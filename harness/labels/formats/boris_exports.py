@@ -47,7 +47,7 @@ def read_export(path: Path, data: bytes) -> dict[str, Any] | None:
         return None
     names = rows[at][1]
     if not {"Start (s)", "Time"} & {*names}:
-        raise VfoaError(f"{path}:{rows[at][0]}: no column 'Start (s)' or 'Time': not events; {_EXPECTED}")
+        raise VfoaError(f"{path}:{rows[at][0]}: found no column 'Start (s)' or 'Time', so no events; {_EXPECTED}")
     above = {cells[0]: cells[1] for _, cells in rows[:at] if len(cells) > 1}
     below = [(line, above | dict(zip(names, cells, strict=False))) for line, cells in rows[at + 1 :]]
     sets = [name for name in names if name == "Modifiers" or re.fullmatch(r"Modifier #?[0-9]+", name)]

@@ -77,5 +77,5 @@ def _size(file: CocoFile, path: Path) -> tuple[int, int] | None:
     sizes = {(image.width, image.height) for image in file.images if image.width and image.height}
     if len(sizes) > 1:
         listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise VfoaError(f"{path}: images of the sizes {listed}; expected those of one clip")
+        raise VfoaError(f"{path}: found images of the sizes {listed}; expected those of one clip")
     return next(((width, height) for width, height in sizes if width and height), None)

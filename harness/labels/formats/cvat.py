@@ -170,7 +170,7 @@ def _size(root: Element, path: Path) -> tuple[int, int] | None:
     sizes = {(int(_parsed(w, "width", where)), int(_parsed(h, "height", where))) for w, h in dict.fromkeys(sides)}
     if len(sizes) > 1:
         listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise VfoaError(f"{path}: images of the sizes {listed}; expected those of one clip")
+        raise VfoaError(f"{path}: found images of the sizes {listed}; expected those of one clip")
     return next(iter(sizes), None)
 
 

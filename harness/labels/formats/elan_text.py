@@ -185,6 +185,6 @@ def _times(path: Path, rows: Sequence[Row], columns: Sequence[int], parse: Parse
             raise VfoaError(f"{path}:{line}: found {cells[:6]}; expected begin and end: {_TO_TICK}")
         duration = found[2] if len(found) > 2 else None
         if end < start or (duration is not None and abs(end - start - duration) > rounded_ms):
-            raise VfoaError(f"{path}:{line}: times {found} ms; expected begin, end and duration: {_TO_TICK}")
+            raise VfoaError(f"{path}:{line}: found the times {found} ms; expected begin, end and duration: {_TO_TICK}")
         times.append((start, end))
     return times

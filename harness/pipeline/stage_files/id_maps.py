@@ -57,7 +57,9 @@ class IdMapsSettings(KeyFrameSettings):
         if self.people != OFF and self.people not in SEGMENTERS:
             raise ValueError(f"people: no {self.people!r}; {did_you_mean(self.people, [*SEGMENTERS.names(), OFF])}")
         if self.people == OFF and self.weights is not None:
-            raise ValueError("weights: those of the segmenter that finds people; expected people to name one")
+            raise ValueError(
+                "weights: found weights without people; expected people = the segmenter whose weights they are"
+            )
         if self.people != OFF:
             try:
                 self.of_people()

@@ -79,8 +79,8 @@ def solve(views: Sequence[BoardView], size_px: tuple[int, int]) -> StereoCalibra
     while True:
         if len(kept) < MIN_VIEWS:
             raise VfoaError(
-                f"{len(kept)} usable views of the board; expected at least {MIN_VIEWS}: check --columns and --rows "
-                "(and --dictionary of ChArUco), or take more pictures"
+                f"found {len(kept)} usable views of the board; expected at least {MIN_VIEWS}: check --columns and "
+                "--rows (and --dictionary of ChArUco), or take more pictures"
             )
         calibration = _solve(kept, size_px, dropped)
         worst = _worst(calibration.errors)

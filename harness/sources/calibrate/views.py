@@ -78,7 +78,8 @@ def charuco_board(columns: int, rows: int, square_m: float, marker_m: float, dic
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
     if (count := len(markers.bytesList)) < columns * rows // 2:
         raise VfoaError(
-            f"{dictionary}: {count} markers; expected at least {columns * rows // 2} for {columns} x {rows} squares"
+            f"{dictionary}: found {count} markers; expected at least {columns * rows // 2} for {columns} x {rows} "
+            "squares"
         )
     board = cv2.aruco.CharucoBoard((columns, rows), square_m, marker_m, markers)
     detectors = [cv2.aruco.CharucoDetector(board)]
@@ -134,7 +135,8 @@ def find_views(
             own_px = left.shape[1], left.shape[0]
             size_px = size_px if any(size_px) else own_px
             if own_px != size_px:
-                raise VfoaError(f"{own_px} pixels; expected {size_px} as in the first pair")
+                found, expected = (f"{width} x {height}" for width, height in (own_px, size_px))
+                raise VfoaError(f"found images of {found} pixels; expected {expected}, as in the first pair")
             views.append(_view(number, left, right, board))
         except VfoaError as error:
             dropped[number] = str(error)
@@ -148,7 +150,7 @@ def _view(number: int, left: Image, right: Image, board: Board) -> BoardView:
     shared = sorted(corners["left"].keys() & corners["right"].keys())
     if len(shared) < MIN_CORNERS:
         counts = ", ".join(f"{len(pixels)} {side}" for side, pixels in corners.items())
-        raise VfoaError(f"{len(shared)} corners are in both images ({counts}); expected at least {MIN_CORNERS}")
+        raise VfoaError(f"found {len(shared)} corners in both images ({counts}); expected at least {MIN_CORNERS}")
     points_m = board.points_m[shared]
     grid = np.stack(np.divmod(shared, board.columns), axis=1)
     if np.linalg.matrix_rank(grid - grid.mean(axis=0)) < 2:

@@ -55,7 +55,10 @@ def depthai_pair(document: Document, size: ImageSize, where: str) -> RawCalibrat
     left, right = (_without_rows(_lens(cameras[number], f"{where}: camera {number}"), size_px) for number in sockets)
     ways = [_ways(cameras, number, where) for number in sockets]
     if (common := next((number for number in ways[0] if number in ways[1]), None)) is None:
-        raise VfoaError(f"{where}: the extrinsics of cameras {sockets[0]} and {sockets[1]} lead to no common camera")
+        raise VfoaError(
+            f"{where}: found no common camera in the extrinsics of cameras {sockets[0]} and {sockets[1]}; expected "
+            "toCameraSocket of each to lead to one camera"
+        )
     common_from_right = check_motion(ways[1][common], f"{where}: camera {sockets[1]}: extrinsics")
     right_from_left = np.linalg.inv(common_from_right) @ ways[0][common]
     return rectify_pose(left, right, right_from_left[:3, :3], right_from_left[:3, 3] * _METRES, where)

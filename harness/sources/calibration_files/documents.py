@@ -27,7 +27,7 @@ from harness.sources.rectification import (
     pair_of_infos,
     rectify_pose,
 )
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, listed
 from vfoa.types import Float
 
 SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz", ".mat"})
@@ -195,7 +195,8 @@ def check_whole_sensor(binning: tuple[int, ...], offset_px: tuple[int, ...], whe
     """Raise a :class:`VfoaError` if a CameraInfo is of a part of the sensor, or of pixels that were merged."""
     if max(binning) > 1 or any(offset_px):
         raise VfoaError(
-            f"{where}: binning {binning}, region of interest from {offset_px}; "
+            f"{where}: found binning {listed([*map(str, binning)])} and a region of interest from "
+            f"{listed([*map(str, offset_px)])} px; "
             "expected the whole image, or calibration = (a file) in [source]"
         )
 
@@ -226,7 +227,9 @@ def ros_pair(left: Document, right: Document, where: tuple[str, str], baseline_m
 def camera_of_ros(model: str, size_px: tuple[int, int], values: Mapping[str, Any], where: str) -> RawCamera:
     """Return a camera with ROS's or Foxglove's name of a distortion model, and its K, D, R and P; raises VfoaError."""
     if model not in MODELS:
-        raise VfoaError(f"{where}: distortion model {model!r}; expected one of {', '.join(filter(None, MODELS))}")
+        raise VfoaError(
+            f"{where}: found the distortion model {model!r}; expected one of {', '.join(filter(None, MODELS))}"
+        )
     k, r, p = (
         numbers(values[name], f"{where}: {name}", 3 * columns).reshape(3, columns)
         for name, columns in (("K", 3), ("R", 3), ("P", 4))

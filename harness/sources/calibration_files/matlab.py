@@ -115,8 +115,8 @@ def _camera(camera: Document, size: ImageSize, where: str) -> RawCamera:
     expect_names(camera, _LENS, where, "MATLAB's lens distortion")
     radial, tangential = (numbers(camera[name], f"{where}: {name}") for name in _LENS)
     if radial.size not in (2, 3) or tangential.size != 2:
-        found = f"{radial.size} and {tangential.size} numbers"
-        raise VfoaError(f"{where}: {' and '.join(_LENS)}: found {found}; expected 2 or 3, and 2")
+        found = f"{radial.size} radial and {tangential.size} tangential coefficients"
+        raise VfoaError(f"{where}: {' and '.join(_LENS)}: found {found}; expected 2 or 3 radial and 2 tangential ones")
     given = numbers(camera.get("ImageSize", []), f"{where}: ImageSize")
     return RawCamera(
         size_px=(int(given[1]), int(given[0])) if given.size == 2 else size(),

@@ -109,7 +109,7 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     if (chosen := options.calibration_cameras) is not None and program not in _CHOOSING:
         raise VfoaError(f"{where}: calibration_cameras: found {chosen}; expected none for a file of {program}")
     if options.fisheye and program != "OpenCV":
-        raise VfoaError(f"{where}: fisheye: found true; expected it for files of OpenCV only, this is of {program}")
+        raise VfoaError(f"{where}: fisheye: found true for a file of {program}; expected it only for files of OpenCV")
     if isinstance(cameras, RawCalibration) and not options.rectified:
         scale = METRES[options.calibration_unit]
         if options.baseline_m is not None:

@@ -222,7 +222,7 @@ def frame_numbers(values: Float, lines: Sequence[int], path: Path) -> list[int]:
 def frames_per_second(cell: str, where: str, instead: str = "") -> float:
     """A rate from a cell; a :class:`VfoaError`, which ends with ``instead``, if it is none."""
     if not re.fullmatch(r"[0-9]+(\.[0-9]+)?", cell) or float(cell) == 0:
-        raise VfoaError(f"{where}: found {cell[:40]!r}; expected frames per second{instead}")
+        raise VfoaError(f"{where}: found {cell[:40]!r}; expected a number of frames per second{instead}")
     return float(cell)
 
 

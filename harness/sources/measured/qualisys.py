@@ -157,6 +157,6 @@ def _poses(cells: Float, lines: Sequence[int], path: Path, name: str) -> Poses:
     rotations[is_lost] = np.eye(3)
     apart = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
     for row in np.flatnonzero((apart > _TOLERANCE) | (np.linalg.det(rotations) < 0))[:1]:
-        raise VfoaError(f"{path}:{lines[row]}: {name}: {_MATRIX[0]} to {_MATRIX[-1]} are no rotation")
+        raise VfoaError(f"{path}:{lines[row]}: {name}: {_MATRIX[0]} to {_MATRIX[-1]}: expected a rotation matrix")
     rotations[is_lost], places_m[is_lost] = np.nan, np.nan
     return Poses(rotations=rotations, places_m=places_m)

@@ -189,7 +189,7 @@ def _opened(path: Path) -> Any:
         raise VfoaError(f"{path}: not a readable video; expected a file that FFmpeg opens") from None
     if stream.codec_context is None:
         film = shlex.join(["ffmpeg", "-i", str(path), "-c:v", "libx264", "-crf", "15", f"{path.stem}_h264.mp4"])
-        raise VfoaError(f"{path}: its coding is unknown here; expected another, by a program that knows it: `{film}`")
+        raise VfoaError(f"{path}: found a video codec that vfoa cannot decode; expected H.264, for example: `{film}`")
     return container
 
 

@@ -113,8 +113,8 @@ class PairCameras:
         """
         assert right is not None
         if left.shape != right.shape:
-            sizes = ", right ".join(map(width_by_height, (left, right)))
-            raise VfoaError(f"left is {sizes} pixels; expected the same")
+            sizes = " pixels and a right one of ".join(map(width_by_height, (left, right)))
+            raise VfoaError(f"found a left image of {sizes} pixels; expected the same size")
         rectifier, depth = self._at(*stamps_ns), self._recording.streams.depth
         if depth is not None and depth_m is not None:
             if depth_m.shape != left.shape[:2]:

@@ -35,7 +35,7 @@ def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
 def _decoder(form: str, where: str) -> Any:
     """A decoder of the codec that a packet names."""
     if (codec := codec_of(form)) is None:
-        raise VfoaError(f"{where}: a video in {form!r}; expected h264, h265, vp9 or av1")
+        raise VfoaError(f"{where}: found a video in {form!r}; expected h264, h265, vp9 or av1")
     return av.CodecContext.create("libdav1d" if codec == "av1" else codec, "r")  # FFmpeg's av1 needs a graphics card
 
 

@@ -98,7 +98,7 @@ def test_a_table_of_more_frames_or_another_program_adds_nothing(tmp_path: Path, 
 def test_measurements_take_no_faces(tmp_path: Path, run: Run) -> None:
     code, _, err = run("clips", "add", str(measured_tables(tmp_path / "talk")), "--openface", str(table(tmp_path)))
     assert code == 2
-    assert "--openface: expected a clip with images, found measurements" in err
+    assert "a clip of measurements; expected a clip with images" in err
 
 
 def test_the_film_of_one_camera_is_a_clip_by_openfaces_table_alone(tmp_path: Path, run: Run) -> None:

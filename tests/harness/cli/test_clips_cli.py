@@ -14,6 +14,7 @@ from harness.clips.families import clip_files
 from harness.clips.listing import clips_at_hand, clips_named
 from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
 from tests.disk import labels_text, write_bytes, write_image, write_text
+from vfoa.errors import VfoaError
 
 WIDTH, HEIGHT, DISPARITY = 192, 144, 12
 CAMERA = "fx_px = 300.0\ncx_px = 95.5\ncy_px = 71.5\nbaseline_m = 0.1\n"
@@ -404,3 +405,10 @@ def test_the_real_clips_pass(shared_data: Path, monkeypatch: pytest.MonkeyPatch)
     assert (code, sintel["frames"], sintel["labels"]) == (0, 50, 50)
     code, kitti = _check("kitti_pair")
     assert (code, kitti["frames"], kitti["baseline_m"]) == (0, 1, pytest.approx(0.532, abs=0.002))
+
+
+def test_a_download_without_a_folder_of_data_sets_is_refused() -> None:
+    refused = CliRunner().invoke(app, ["fetch", "vr_objects"])
+    assert isinstance(refused.exception, VfoaError)
+    assert "VFOA_DATA is not set" in str(refused.exception)
+    assert "--out" in str(refused.exception)

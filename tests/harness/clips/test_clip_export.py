@@ -202,4 +202,4 @@ def test_the_command_writes_the_frames_of_a_clip_by_name(
     write_text(tmp_path / "people.toml", f'{head}[subjects.ann]\ncategory = "person"\n')
     write_text(tmp_path / "people.csv", "frame,time_s,person,x_m,y_m,z_m\n1,0,ann,0,0,2\n")
     code, _, said = vfoa(monkeypatch, capsys, "clips", "export", "people.toml", "other")
-    assert (code, said) == (2, "vfoa: people.toml: a clip of measurements, without images\n")
+    assert (code, said) == (2, "vfoa: people.toml: found a clip of measurements; expected one with images\n")

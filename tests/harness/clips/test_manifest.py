@@ -320,3 +320,33 @@ def test_a_family_without_a_clip_here_is_an_error(tmp_path: Path, monkeypatch: p
 def test_any_text_becomes_a_name_that_a_manifest_takes(text: str, name: str) -> None:
     assert as_clip_name(text) == name
     assert make_manifest({"name": name, "adapter": "measured"}, Path(f"{name}.toml")).name == name
+
+
+@pytest.mark.parametrize(
+    ("name", "source"), [("sintel_bandage_2", "sintel"), ("idiap_vfoa", "idiap_vfoa"), ("kitchen_p09", "vr_objects")]
+)
+@pytest.mark.parametrize("is_set", [False, True])
+def test_a_clip_that_can_be_fetched_says_how(
+    name: str, source: str, is_set: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("VFOA_DATA", raising=False)
+    if is_set:
+        monkeypatch.setenv("VFOA_DATA", str(tmp_path))
+    with pytest.raises(VfoaError, match=rf"; fetch it: vfoa clips fetch {source}$"):
+        load_manifest(name).open()
+
+
+def test_a_family_that_can_be_fetched_says_how(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VFOA_DATA", str(tmp_path))
+    with pytest.raises(VfoaError, match=r"kitchen_p09; fetch it: vfoa clips fetch vr_objects$"):
+        clips_here(["vr_kitchen"])
+
+
+def test_a_fault_in_files_that_are_here_names_no_download(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VFOA_DATA", str(tmp_path))
+    (tmp_path / "kitti_pair").mkdir()
+    (tmp_path / "sintel" / "training").mkdir(parents=True)
+    for name in ("kitti_pair", "sintel_bandage_2"):
+        with pytest.raises(VfoaError) as refused:
+            load_manifest(name).open()
+        assert "fetch it" not in str(refused.value)

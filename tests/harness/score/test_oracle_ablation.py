@@ -54,7 +54,7 @@ def test_a_ladder_with_nothing_to_replace_is_an_error(tmp_path: Path) -> None:
         'clips = ["studio_table"]\n[defaults]\nstereo.matcher = "truth"\nsegmentation.model = "truth"\n'
         'heads.detector = "truth"\nhead_pose.model = "none"\ngaze.model = "truth"\n'
     )
-    with pytest.raises(VfoaError, match="no stage that truth could replace"):
+    with pytest.raises(VfoaError, match="no stage that the ground truth can replace"):
         with_oracle_ablation(load_experiment(str(file)))
 
 

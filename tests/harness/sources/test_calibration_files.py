@@ -405,7 +405,9 @@ def test_a_zed_has_as_many_coefficients_as_its_file(tmp_path: Path, coefficients
 def test_a_message_of_a_part_of_the_sensor_is_refused(tmp_path: Path, before: str, after: str) -> None:
     left, right = calibrations.write_ros_echo(tmp_path, RIG, is_ros_2=True)
     write_text(left, left.read_text(encoding="utf-8").replace(before, after))
-    with pytest.raises(VfoaError, match=rf"^[^\n]*left\.yaml: camera_info: binning[^\n]*{after[-2:].strip()}[^\n]*$"):
+    with pytest.raises(
+        VfoaError, match=rf"^[^\n]*left\.yaml: camera_info: found binning[^\n]*{after[-2:].strip()}[^\n]*$"
+    ):
         read_cameras([left, right], _size)
 
 
@@ -535,7 +537,7 @@ def test_a_unit_that_is_said_replaces_that_of_matlab_s_file(tmp_path: Path, unit
         (None, {"RotationOfCamera2": None}, "no RotationOfCamera2"),
         (None, {"CameraParameters2": None}, "no CameraParameters2"),
         (2, {"IntrinsicMatrix": None}, "camera 2: no IntrinsicMatrix"),
-        (1, {"RadialDistortion": [0.1]}, "camera 1: .*found 1 and 2 numbers"),
+        (1, {"RadialDistortion": [0.1]}, "camera 1: .*found 1 radial and 2 tangential coefficients"),
         (1, {"K": [700, 3, 630, 0, 700, 360, 0, 0, 1]}, "left: K: .*skew of 3 px"),
     ],
 )
@@ -833,7 +835,11 @@ IN_COLUMNS = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [-0.12, 0, 0, 1]]
 @pytest.mark.parametrize(
     ("files", "options", "message"),
     [
-        (partial(_kalibr, resolution=[640, 400]), Options(), r"left is \(1280, 720\) pixels, right \(640, 400\)"),
+        (
+            partial(_kalibr, resolution=[640, 400]),
+            Options(),
+            "a left camera of 1280 x 720 pixels and a right one of 640 x 400",
+        ),
         (partial(_kalibr, intrinsics=[1, 2, 3]), Options(), r"cam1: intrinsics: found 3 .*4 finite"),
         (
             partial(_kalibr, distortion_coeffs=[0, 0, 0, np.inf]),

@@ -321,7 +321,7 @@ def test_the_keys_fit_the_layout(settings: dict[str, str], message: str) -> None
 def test_what_cannot_be_halved_or_joined_is_one_line(tmp_path: Path) -> None:
     write_image(tmp_path / "1.png", np.zeros((9, 7, 3), np.uint8))
     settings = {"layout": "images_side_by_side", "both": "1.png", "camera": CAMERA}
-    with pytest.raises(VfoaError, match=r"1\.png: the width is 7 pixels"):
+    with pytest.raises(VfoaError, match=r"1\.png: found a width of 7 pixels"):
         StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path).frame(1)
     write_video(tmp_path / "l.mkv", [_pair(1)[0]], rate_hz=30)
     write_video(tmp_path / "r.mkv", [_pair(1)[1]], rate_hz=25)

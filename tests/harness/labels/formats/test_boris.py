@@ -384,7 +384,7 @@ LOOKS_AT = _looks(["looks at"])
         (
             "Observation id\tSubject\tBehavior\tDuration mean (s)\no\tgirl\tbird\t1\n",
             {},
-            r":1: no column 'Start \(s\)'",
+            r":1: found no column 'Start \(s\)'",
         ),
         (_table(AGGREGATED, {**_aggregated()[0], "Stop (s)": "0:01"}), {}, r":2: Stop \(s\): found '0:01'"),
         (_table(AGGREGATED, {**_aggregated()[0], "Behavior type": "x"}), {}, ":2: the type of a behaviour: found 'X'"),

@@ -468,8 +468,8 @@ def _with_code(standard: str, code: str) -> str:
         # exported text
         ("girl\tsomething\tbird\n", r"a\.eaf: no two columns of times"),
         ("girl\t\t00:00:00.030\tbird\n", r"a\.eaf: no two columns of times.*Begin Time"),
-        ("girl\t\t0.03\t0.1\t0.5\tbird\n", r"a\.eaf:1: times \[30, 100, 500\] ms"),
-        ("girl\t\t0.3\t0.1\tbird\n", r"a\.eaf:1: times \[300, 100\] ms"),
+        ("girl\t\t0.03\t0.1\t0.5\tbird\n", r"a\.eaf:1: found the times \[30, 100, 500\] ms"),
+        ("girl\t\t0.3\t0.1\tbird\n", r"a\.eaf:1: found the times \[300, 100\] ms"),
         ("00:00:00.030\t00:00:00.130\tbird\n", r"a\.eaf: no column of tiers"),
         ("Begin Time - ss.msec\tDuration - ss.msec\tgirl\n0.03\t0.1\tbird\n", r"a\.eaf: columns 'Begin Time"),
         ('"#file:///a.mp4 -- offset: 500"\ngirl\t\t0.03\t0.1\t0.07\tbird\n', r"a\.eaf:1: .* 500 ms.*--offset"),

@@ -112,7 +112,7 @@ def test_bad_views_are_dropped_each_with_its_reason() -> None:
     assert [view.number for view in views] == [1]
     assert reasons[2] == "no board in the right image"
     assert reasons[3] == "no board in the left and the right image"
-    assert re.fullmatch(r"\d corners are in both images \(\d left, \d\d right\); expected at least 8", reasons[4])
+    assert re.fullmatch(r"found \d corners in both images \(\d left, \d\d right\); expected at least 8", reasons[4])
 
 
 def test_corners_in_one_line_are_of_no_use() -> None:
@@ -133,7 +133,7 @@ def test_pictures_that_cannot_be_used_are_said_and_the_rest_is_calibrated(tmp_pa
     assert result.exit_code == 0, result.output
     assert "1 left image has no right one, left out: frame 3" in result.output
     assert "frame 5 dropped: " in result.output
-    assert "frame 7 dropped: (640, 400) pixels; expected (640, 480)" in result.output
+    assert "frame 7 dropped: found images of 640 x 400 pixels; expected 640 x 480" in result.output
     assert "stereo.yml: 9 pairs, RMS 0." in result.output
     cameras = read_cameras([out], lambda: SIZE)
     assert isinstance(cameras, RawCalibration)
@@ -154,7 +154,7 @@ def test_both_views_in_one_picture_serve_as_well(tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"dictionary": "DICT_5X5_10"}, r"'DICT_5X5_10'.*'DICT_5X5_100'"),
-        ({"dictionary": "DICT_5X5_50", "columns": 20}, r"DICT_5X5_50: 50 markers.*60"),
+        ({"dictionary": "DICT_5X5_50", "columns": 20}, r"DICT_5X5_50: found 50 markers.*60"),
         ({"marker_m": 0.03}, "marker: found 30 mm"),
     ],
 )

@@ -63,7 +63,7 @@ def test_markers_alone_are_refused(tmp_path: Path) -> None:
         ("\tRot[5]", "\tR", ": anna: no column 'Rot[5]'"),
         ("\n2\t0.01000\t", "\n2\t0.01000\tleft", ":7: could not convert string to float: 'left500.00000'"),
         ("\n2\t0.01000\t500.00000\t", "\n2\t0.01000\t", ":7: found 18 cells; expected 19"),
-        ("\t0.40000\t1.00000\t", "\t0.40000\t-1.00000\t", ":6: anna: Rot[0] to Rot[8] are no rotation"),
+        ("\t0.40000\t1.00000\t", "\t0.40000\t-1.00000\t", ":6: anna: Rot[0] to Rot[8]: expected a rotation"),
     ],
 )
 def test_a_damaged_file_is_named_with_its_line(before: str, after: str, found: str, tmp_path: Path) -> None:

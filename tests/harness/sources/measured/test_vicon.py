@@ -50,7 +50,7 @@ def test_zeros_are_a_lost_object(tmp_path: Path) -> None:
     ("before", "after", "found"),
     [
         ("Objects", "Things", ":1: found 'Things'"),
-        ("\n100\n", "\nfast\n", ":2: found 'fast'; expected frames per second"),
+        ("\n100\n", "\nfast\n", ":2: found 'fast'; expected a number of frames per second"),
         ("RX,RY,RZ,RW,", "RX,RY,RZ,", ":4: anna: found RX,RY,RZ,TX,TY,TZ; expected RX,RY,RZ,RW,TX,TY,TZ"),
         ("Frame,", "Number,", ":4: found other lines above the frames; expected Vicon Tracker's"),
         ("RX,", "X,", ":4: no object"),
