@@ -152,8 +152,8 @@ class RunDirectory:
         return not self.path.exists() or all(map(_is_left_over, self.path.iterdir()))
 
     def has_results(self) -> bool:
-        """Whether a frame is perceived."""
-        return any(path.stat().st_size for path in (self.path / "partial").glob("*.csv*"))
+        """Whether a clip is perceived, or finished under a configuration: the next run goes on from there."""
+        return any(path.is_file() for folder in ("scenes", "answers") for path in (self.path / folder).rglob("*"))
 
     def partial(self, pair: Pair, suffix: str) -> Path:
         """A file of the partial results of a (clip, configuration)."""
@@ -230,15 +230,16 @@ def missing_of(folder: Path) -> list[Path]:
 
 @contextmanager
 def removed_if_refused(directory: RunDirectory, made: Iterable[Path]) -> Iterator[None]:
-    """If the block raises before a frame is finished, remove what it has written into a new directory, and ``made``.
+    """If the block is refused before a clip is perceived, remove what it wrote into a new directory, and ``made``.
 
-    After a repair the same command is another run, for which the directory would be taken. Tracebacks stay: messages
-    name them. The directory is locked; ``made`` is :func:`missing_of` it before it was.
+    A :class:`VfoaError` refuses it. After a repair the same command is another run, for which the directory would be
+    taken. Tracebacks stay: messages name them. The directory is locked; ``made`` is :func:`missing_of` it before it
+    was.
     """
     was_new = directory.is_new()
     try:
         yield
-    except Exception:
+    except VfoaError:
         if was_new and not directory.has_results():
             with suppress(OSError):  # a folder that is not empty, or closed: the block's error says what to do
                 _remove_refused(directory.path, made)

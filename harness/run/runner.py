@@ -64,7 +64,7 @@ def run_plan(
     ------
     VfoaError
         If the directory holds another run, or one in progress, or nothing could be finished, or weights are to be
-        fitted and the plan has no ``fit``. A run that is refused before its first finished frame leaves no directory.
+        fitted and the plan has no ``fit``. A run that is refused before a clip is perceived leaves no directory.
     KeyboardInterrupt
         If the run is interrupted, after ``tell`` was called with what is kept.
     """

@@ -1,4 +1,4 @@
-"""A run that is refused before its first finished frame leaves nothing that the next one would be kept from."""
+"""A run that is refused before a clip is perceived leaves nothing that the next one would be kept from."""
 
 from __future__ import annotations
 
@@ -67,8 +67,19 @@ def test_what_an_earlier_run_has_written_stays(map_of_first: Path) -> None:
     assert [path.name for path in Path().glob("files*") if path.is_dir()] == ["files"]
 
 
-@pytest.mark.parametrize("line", ["", "{}\n"], ids=["no frame", "a frame"])
-def test_finished_frames_and_tracebacks_stay(line: str, tmp_path: Path) -> None:
+def test_so_it_does_after_a_repair_of_a_later_frame(map_of_first: Path) -> None:
+    out, later = Path("runs/files"), map_of_first.with_name("0002.npy")
+    np.save(map_of_first, np.full((436, 1024), 20, np.float32))
+    write_text(later, "no map")
+    with pytest.raises(VfoaError, match=r"0002\.npy"):
+        _run(out)
+    assert not Path("runs").exists()
+    np.save(later, np.full((436, 1024), 20, np.float32))
+    assert _run(out).path == out
+
+
+@pytest.mark.parametrize("result", [None, "scenes/0/clip/frames.parquet", "answers/configuration/clip.parquet"])
+def test_finished_clips_and_tracebacks_stay(result: str | None, tmp_path: Path) -> None:
     directory = RunDirectory(tmp_path / "run")
     pair = ("clip", "configuration")
 
@@ -76,15 +87,17 @@ def test_finished_frames_and_tracebacks_stay(line: str, tmp_path: Path) -> None:
         made = missing_of(directory.path)
         with locked(directory.path, print), removed_if_refused(directory, made):
             write_manifest(directory, {})
-            write_text(directory.partial(pair, "csv.partial"), line)
+            write_text(directory.partial(pair, "csv.partial"), "{}\n")
+            if result is not None:
+                write_text(directory.path / result, "result")
             write_text(directory.traceback(pair), "Traceback")
             raise VfoaError("refused")
 
     with pytest.raises(VfoaError, match="refused"):
         refused()
     assert directory.traceback(pair).read_text() == "Traceback"
-    assert directory.is_new() == (line == "")
-    assert directory.manifest.exists() == directory.partial(pair, "csv.partial").exists() == (line != "")
+    assert directory.is_new() == (result is None)
+    assert directory.manifest.exists() == directory.partial(pair, "csv.partial").exists() == (result is not None)
 
 
 def test_a_lock_that_was_removed_meanwhile_is_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
