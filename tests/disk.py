@@ -77,11 +77,11 @@ def stereo_pair_folder(root: Path, frames: tuple[int, ...] = (1, 2, 3)) -> Path:
 
 def moving_picture(number: int, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uint8]:
     """A smooth image (H, W, 3) RGB that differs for every number, so that lossy codecs keep numbers apart."""
-    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
-    red = 128 + 100 * np.sin((columns + 7 * number) / 9)
-    return np.stack([red, 128 + 100 * np.cos((rows - 5 * number) / 11), (13 * number) % 256 + 0 * red], -1).astype(
-        "uint8"
-    )
+    image = np.empty((height, width, 3), np.uint8)
+    image[..., 0] = 128 + 100 * np.sin((np.arange(width) + 7 * number) / 9)
+    image[..., 1] = 128 + 100 * np.cos((np.arange(height)[:, None] - 5 * number) / 11)
+    image[..., 2] = (13 * number) % 256
+    return image
 
 
 def write_video(path: Path, images: list[NDArray[np.uint8]], fourcc: str = "FFV1", rate_hz: float = 25.0) -> Path:

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy.stats import multinomial
 
 from harness.score.comparison import Spread, clips_needed, detectable_difference
 from harness.score.intervals import (
@@ -306,6 +305,8 @@ def test_where_few_looks_differ_the_interval_holds_the_difference_as_often_as_it
     looks: int, worse: float, better: float
 ) -> None:
     """By all samples with their probabilities; with a test alone, 75 to 93 of 100 intervals hold it."""
+    from scipy.stats import multinomial
+
     held = 0.0
     for n_worse, n_better in product(range(looks + 1), repeat=2):
         same = looks - n_worse - n_better

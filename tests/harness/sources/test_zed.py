@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -105,16 +105,18 @@ def test_of_several_cameras_one_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("damaged", "said"),
     [
-        (b"\1", "side_by_side in zed_sdk_encoded"),
-        (message(strips(BOTH[0]))[:5000], "bytes of content; expected"),
-        (message(b"PNG" * 20), "neither a packet of H.264 or H.265 nor strips in JPEG"),
-        (message(strips(BOTH[0])[:9000].ljust(400_000, b"\0")), "strip 1: truncated JPEG"),
+        (lambda content: b"\1", "side_by_side in zed_sdk_encoded"),
+        (lambda content: message(content)[:5000], "bytes of content; expected"),
+        (lambda content: message(b"PNG" * 20), "neither a packet of H.264 or H.265 nor strips in JPEG"),
+        (lambda content: message(content[:9000].ljust(400_000, b"\0")), "strip 1: truncated JPEG"),
     ],
+    ids=["one byte", "cut", "other content", "cut strip"],
 )
-def test_damage_is_told(tmp_path: Path, data: bytes, said: str) -> None:
+def test_damage_is_told(tmp_path: Path, damaged: Callable[[bytes], bytes], said: str) -> None:
     conf = write_zed(tmp_path / f"SN{SERIAL}.conf", RIG).name
-    path = write_svo2(tmp_path / "a.svo2", [message(strips(BOTH[0])), data])
+    content = strips(BOTH[0])
+    path = write_svo2(tmp_path / "a.svo2", [message(content), damaged(content)])
     with pytest.raises(VfoaError, match=rf"a\.svo2: .*Camera_SN{SERIAL}/side_by_side: .*{said}"):
         open_clip(path, calibration=conf).frame(2)
