@@ -6,8 +6,9 @@ posterior/   the likelihood of the directions: their unknown error, how heads fo
 "Nowhere" is a hypothesis of its own: people who look at nothing look about where their head points, which is anywhere
 about where their body faces. A large target is not favoured: its density is spread over its visible part.
 
-A target that up to five frames miss is taken to be where it was, under its number: a look at it goes on, and
-says nothing about the error of the directions. Until it is found again, its probability counts as that of nowhere.
+A target that up to five frames miss (at more than 25 frames per second, the frames of 0.2 s) is taken to be where it
+was, under its number: a look at it goes on, and says nothing about the error of the directions. Until it is found
+again, its probability counts as that of nowhere.
 """
 
 from __future__ import annotations
@@ -20,12 +21,13 @@ import numpy as np
 from pydantic import Field
 
 from vfoa.geometry import sigma_rad
-from vfoa.methods import MethodSettings, answer_of, boxes_of_others, frames_missed, revised, seconds_between
+from vfoa.methods import MethodSettings, answer_of, boxes_of_others, frames_missed, revised
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered, smoothed, update
 from vfoa.posterior.grid import Error
 from vfoa.recent import Recent
+from vfoa.times import seconds_between
 from vfoa.types import Attention, DirectionFit, Float, FrameResult, NoAttention, Scene, Subject, Target
 from vfoa.visible import RAYS, visible_targets
 
@@ -69,22 +71,26 @@ class BayesSettings(MethodSettings):
 class Sights(NamedTuple):
     """The targets of a frame, then those of the last frames that it misses; and the known eye origins (3,) of people.
 
-    ``missed`` are the frames since each was seen, by instance id, in the order of the targets.
+    ``missed`` are the frames since each was seen, by instance id, in the order of the targets; ``time_ns`` is the time
+    of the frame, nanoseconds (None: unknown).
     """
 
     targets: tuple[Target, ...] = ()
     eyes: Mapping[int, Float] = {}
-    missed: Mapping[int, int] = {}
+    missed: Mapping[int, float] = {}
+    time_ns: int | None = None
 
-    def then(self, subject: Subject, targets: tuple[Target, ...], eyes: Mapping[int, Float]) -> Sights:
+    def then(
+        self, subject: Subject, targets: tuple[Target, ...], eyes: Mapping[int, Float], time_ns: int | None
+    ) -> Sights:
         """Return those of the next frame: without targets that have no box, and without the subject's own body."""
         boxes = boxes_of_others(subject, targets)
-        missed = frames_missed(self.missed, boxes)
+        missed = frames_missed(self.missed, boxes, seconds_between(self.time_ns, time_ns))
         missed.pop(subject.person.instance_id or 0, None)
         known = dict(zip(self.missed, self.targets, strict=True))
         known |= {target.instance.id: target for target in targets if target.instance.id in boxes}
         eyes = {number: place for number, place in {**self.eyes, **eyes}.items() if number in missed}
-        return Sights(tuple(known[number] for number in missed), eyes, missed)
+        return Sights(tuple(known[number] for number in missed), eyes, missed, time_ns)
 
 
 class HeldBelief(NamedTuple):
@@ -225,7 +231,7 @@ def believed(
         return NoAttention.NO_DIRECTION
     cues = measured_cues(subject, settings)
     _, last, last_ns, known = before or (None, None, None, Sights())
-    sights = known.then(subject, targets, eyes)
+    sights = known.then(subject, targets, eyes, time_ns)
     visible = visible_targets(origin, sights.targets, sights.eyes, clouds=True)
     scenery = Scenery(
         keys=(*visible.ids, None),

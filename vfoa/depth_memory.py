@@ -14,18 +14,19 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from vfoa.instance_tracking import PATIENCE
-from vfoa.types import Float, Person, StereoRig, Target
+from vfoa.times import frames_within, seconds_between
+from vfoa.types import Float, Percepts, Person, StereoRig, Target
 
 _Measured = TypeVar("_Measured")
 
 
 @dataclass(frozen=True, slots=True)
 class _Last(Generic[_Measured]):
-    """What was measured last: in the frame of this number, ``age`` frames ago."""
+    """What was measured last: in the frame of this number, ``age`` frames ago (:func:`vfoa.times.frames_within`)."""
 
     measured: _Measured
     frame: int
-    age: int = 0
+    age: float = 0.0
 
 
 class _LastMeasured(Generic[_Measured]):
@@ -33,38 +34,37 @@ class _LastMeasured(Generic[_Measured]):
 
     def __init__(self) -> None:
         self._last: dict[int, _Last[_Measured]] = {}
+        self._time_ns: int | None = None
 
-    def step(self, frame: int, measured: Mapping[int, _Measured]) -> Mapping[int, _Last[_Measured]]:
+    def step(self, frame: Percepts, measured: Mapping[int, _Measured]) -> Mapping[int, _Last[_Measured]]:
         """Return what was last measured within ``PATIENCE`` frames of those who are not measured in this one."""
+        passed, self._time_ns = frames_within(seconds_between(self._time_ns, frame.time_ns)), frame.time_ns
         held = {
-            id_: replace(last, age=last.age + 1)
+            id_: replace(last, age=last.age + passed)
             for id_, last in self._last.items()
             if id_ not in measured and last.age < PATIENCE
         }
-        self._last = held | {id_: _Last(each, frame) for id_, each in measured.items()}
+        self._last = held | {id_: _Last(each, frame.index) for id_, each in measured.items()}
         return held
 
 
 class DepthMemory:
     """The last measured target of each instance of one sequence, frame by frame.
 
-    Instances must keep their numbers (:class:`vfoa.instance_tracking.InstanceTracker`). After ``PATIENCE`` frames
-    without a depth, also frames that miss the object, it has no box. ``depth_from`` says whose depth it is.
+    Instances must keep their numbers (:class:`vfoa.instance_tracking.InstanceTracker`). After ``PATIENCE`` frames of at
+    least 40 ms without a depth, also frames that miss the object, it has no box. ``depth_from`` says whose depth it is.
     """
 
     def __init__(self) -> None:
         self._last = _LastMeasured[Target]()
 
-    def step(self, frame: int, targets: tuple[Target, ...], rig: StereoRig) -> tuple[Target, ...]:
-        """Return the targets of the next frame, of this number, those without a box at their last depth.
-
-        The same if all have one.
-        """
+    def step(self, targets: tuple[Target, ...], frame: Percepts) -> tuple[Target, ...]:
+        """Return the targets of the next frame, those without a box at their last depth; the same if all have one."""
         last = self._last.step(frame, {target.instance.id: target for target in targets if target.box is not None})
         if not any(target.instance.id in last for target in targets):
             return targets
         return tuple(
-            _moved(last[target.instance.id], target, rig) if target.instance.id in last else target
+            _moved(last[target.instance.id], target, frame.rig) if target.instance.id in last else target
             for target in targets
         )
 
@@ -75,10 +75,8 @@ class EyeMemory:
     def __init__(self) -> None:
         self._last = _LastMeasured[Person]()
 
-    def step(
-        self, frame: int, people: tuple[Person, ...], tracks: Sequence[int | None], rig: StereoRig
-    ) -> tuple[Person, ...]:
-        """Return the people of the next frame, of this number, those without an eye origin at their last depth.
+    def step(self, people: tuple[Person, ...], tracks: Sequence[int | None], frame: Percepts) -> tuple[Person, ...]:
+        """Return the people of the next frame, those without an eye origin at their last depth.
 
         ``tracks`` are their tracks, in their order (None: not followed). The same people if all have an origin.
         """
@@ -88,7 +86,7 @@ class EyeMemory:
         if not any(track in last for track in known):
             return people
         return tuple(
-            _seen_again(last[track], person, rig) if track is not None and track in last else person
+            _seen_again(last[track], person, frame.rig) if track is not None and track in last else person
             for track, person in zip(tracks, people, strict=True)
         )
 

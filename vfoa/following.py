@@ -29,9 +29,9 @@ class Following:
         The parts of a divided person are joined; objects and eyes without a depth have their last one.
         """
         joined = join_people(found, self._settings.person)
-        percepts = self._instances.step(joined.instances).renumber(joined)
+        percepts = self._instances.step(joined.instances, found.time_ns).renumber(joined)
         scene = reconstruct(percepts, self._settings)
         tracked = self._tracker.step(scene.people)
-        targets = self._depths.step(scene.index, scene.targets, percepts.rig)
-        people = self._eyes.step(scene.index, scene.people, tracked.ids, percepts.rig)
+        targets = self._depths.step(scene.targets, percepts)
+        people = self._eyes.step(scene.people, tracked.ids, percepts)
         return percepts, replace(scene, targets=targets, people=people), tracked

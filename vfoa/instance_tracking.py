@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfoa.pixels import relabel
+from vfoa.times import frames_within, seconds_between
 from vfoa.types import HeadView, Instance, Instances, Percepts
 
 SAME_OBJECT = 0.3
@@ -34,7 +35,8 @@ VOTE_DECAY = 0.9
 MAJORITY = 2
 """Another label is taken over when it has so many times the votes of the present one: after up to eleven frames."""
 PATIENCE = 5
-"""Longest gap of an object, in segmented frames: after it, its number is free."""
+"""Longest gap of an object, in segmented frames: after it, its number is free. Frames less than 40 ms apart are parts
+of one (:func:`vfoa.times.frames_within`): at 100 per second, the gap is 20 frames, 0.2 s."""
 LONGER_SIDE = 480
 """Masks are compared at every nth pixel, so that the longer side of the image has about as many."""
 
@@ -50,7 +52,7 @@ class _Known:
     name: str | None
     kinds: Mapping[str, Instance]
     votes: Mapping[str, float]
-    missed: int = 0
+    missed: float = 0.0
 
     @property
     def kind(self) -> Instance:
@@ -88,9 +90,10 @@ class InstanceTracker:
         self._known: dict[int, _Known] = {}
         self._last: NDArray[np.uint16] = np.zeros((0, 0), np.uint16)  # the number at each pixel, 0: none
         self._missed: dict[int, NDArray[np.intp]] = {}  # the pixels of the last mask of an object that is missed
+        self._segmented_ns: int | None = None
 
-    def step(self, instances: Instances) -> Numbered:
-        """Number the instances of the next frame."""
+    def step(self, instances: Instances, time_ns: int | None = None) -> Numbered:
+        """Number the instances of the next frame; ``time_ns`` is its time, nanoseconds (None: unknown)."""
         step = max(1, max(instances.ids.shape) // LONGER_SIDE)
         ids = instances.ids[::step, ::step]
         if ids.shape != self._last.shape:
@@ -108,7 +111,10 @@ class InstanceTracker:
                 free.remove(number)
         numbers |= _new_numbers(followed.keys() - numbers.keys(), {*known, *numbers.values()})
         seen = {numbers[id_]: each for id_, each in followed.items()}
-        self._remember(known, seen, relabel(ids, numbers), is_segmented=instances.carried_from is None)
+        is_segmented, passed = instances.carried_from is None, 0.0
+        if is_segmented:
+            passed, self._segmented_ns = frames_within(seconds_between(self._segmented_ns, time_ns)), time_ns
+        self._remember(known, seen, relabel(ids, numbers), is_segmented=is_segmented, passed=passed)
         return Numbered(_instances(instances, numbers, {number: self._known[number].kind for number in seen}), numbers)
 
     def _remember(
@@ -118,11 +124,10 @@ class InstanceTracker:
         numbers: NDArray[np.uint16],
         *,
         is_segmented: bool,
+        passed: float,
     ) -> None:
         missed = {
-            number: replace(each, missed=each.missed + is_segmented)
-            for number, each in known.items()
-            if number not in seen
+            number: replace(each, missed=each.missed + passed) for number, each in known.items() if number not in seen
         }
         gone = {number: each for number, each in missed.items() if each.missed <= PATIENCE}
         self._known = gone | {
@@ -140,7 +145,7 @@ def _seen_again(before: _Known | None, now: Instance, *, is_segmented: bool) -> 
     if before is None or now.name or before.name:
         return _Known(now.label, now.name, {now.label: now}, {now.label: now.score})
     if not is_segmented:
-        return replace(before, missed=0)
+        return replace(before, missed=0.0)
     votes = {label: VOTE_DECAY * vote for label, vote in before.votes.items()}
     votes[now.label] = votes.get(now.label, 0.0) + now.score
     wins = votes[now.label] > MAJORITY * votes[before.label]
@@ -151,7 +156,7 @@ def _pairs(
     known: Mapping[int, _Known],
     found: Mapping[int, Instance],
     overlaps: Mapping[tuple[int, int], float],
-) -> Iterator[tuple[int, int, float, int, int]]:
+) -> Iterator[tuple[int, float, float, int, int]]:
     """The objects that instances may be, the likeliest first when sorted: (kind, missed, less overlap, number, id)."""
     labels_known = Counter(each.label for each in known.values())
     labels_found = Counter(each.label for each in found.values())

@@ -37,12 +37,13 @@ from vfoa.logit_cues import (
     later_means,
     observe,
 )
-from vfoa.methods import MethodSettings, answer_of, revised, seconds_between
+from vfoa.methods import MethodSettings, answer_of, revised
 from vfoa.posterior.belief import Belief, MeasuredCues, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered
 from vfoa.recent import Recent
 from vfoa.settings import Settings
+from vfoa.times import seconds_between
 from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target
 
 

@@ -70,7 +70,7 @@ class Means:
     """
 
     time_ns: int | None = None
-    missed: Mapping[int, int] = field(default_factory=dict)
+    missed: Mapping[int, float] = field(default_factory=dict)
     head: Float = field(default_factory=lambda: np.zeros(3))
     sums: Float = field(default_factory=lambda: np.zeros((2, len(LOGIT_CUES), 0)))
 
@@ -137,7 +137,7 @@ def observe(
     ids = shapes.ids
     chance = np.array([posterior.chances.get(number, 0.0) for number in ids])
     now = np.concatenate([angles, [_overlap(cues[2], shapes), _odds_of_nowhere(chance)]])
-    missed, sums = _continued(means.missed, _decay(dt_s) * means.sums, ids, now)
+    missed, sums = _continued(means.missed, means.sums, ids, now, dt_s)
     size = np.log(shapes.radius_rad)
     seen = FrameFeatures(
         case=case,
@@ -236,14 +236,15 @@ def _decay(gap_s: float) -> Float:
 
 
 def _continued(
-    missed: Mapping[int, int], sums: Float, ids: tuple[int, ...], now: Float
-) -> tuple[Mapping[int, int], Float]:
+    missed: Mapping[int, float], sums: Float, ids: tuple[int, ...], now: Float, dt_s: float
+) -> tuple[Mapping[int, float], Float]:
     """The sums and weights (2, C, T') with the values (C, T) of the next frame's targets; unknown ones do not count.
 
-    ``missed`` has the frames since the target of each column was seen. The frame's targets come first in the result.
+    ``missed`` has the frames since the target of each column was seen, ``dt_s`` is the time to the next frame. The
+    frame's targets come first in the result.
     """
-    after = frames_missed(missed, ids)
-    continued = _of((*after,), (*missed,), sums).copy()
+    after = frames_missed(missed, ids, dt_s)
+    continued = _of((*after,), (*missed,), _decay(dt_s) * sums).copy()
     known = np.isfinite(now)
     added = np.array([np.where(known, now, 0.0), known])
     continued[..., : len(ids)] += added
@@ -275,7 +276,7 @@ def later_means(seen: Sequence[FrameFeatures], gaps_s: Sequence[float]) -> list[
     means: list[Float] = []
     missed, sums = Means().missed, Means().sums
     for frame, gap_s in zip(reversed(seen), reversed([*gaps_s, 0.0]), strict=True):
-        missed, sums = _continued(missed, _decay(gap_s) * sums, frame.ids, frame.now)
+        missed, sums = _continued(missed, sums, frame.ids, frame.now, gap_s)
         means.append(_mean(sums)[:, : len(frame.ids)])
     return means[::-1]
 

@@ -9,11 +9,10 @@ from typing import Any, Protocol, Self, TypeVar
 from vfoa.instance_tracking import PATIENCE
 from vfoa.registry import Registry
 from vfoa.settings import Settings
+from vfoa.times import frames_within
 from vfoa.types import Attention, Box3D, FrameResult, Scene, Subject, Target, TargetAttention
 
 State = TypeVar("State")
-FRAME_S = 0.04
-"""Time between frames that have no times, or times that do not increase, seconds."""
 
 
 class MethodSettings(Settings):
@@ -114,20 +113,16 @@ def open_method(settings: MethodSettings) -> AttentionMethod[Any]:
     return method
 
 
-def seconds_between(before_ns: int | None, now_ns: int | None) -> float:
-    """Return the time between two frames, seconds: :data:`FRAME_S` where it is unknown or not positive."""
-    if before_ns is None or now_ns is None or now_ns <= before_ns:
-        return FRAME_S
-    return (now_ns - before_ns) / 1e9
-
-
-def frames_missed(before: Mapping[int, int], seen: Iterable[int]) -> dict[int, int]:
+def frames_missed(before: Mapping[int, float], seen: Iterable[int], dt_s: float) -> dict[int, float]:
     """Return the frames since each target was seen, by instance id: of those seen now, then of those missed so far.
 
-    A target is remembered for ``PATIENCE`` frames, in which it keeps its number.
+    ``dt_s`` is the time since the last frame, of which a short one is a part (:func:`vfoa.times.frames_within`). A
+    target is remembered for ``PATIENCE`` frames, in which it keeps its number.
     """
-    now = dict.fromkeys(seen, 0)
-    return now | {number: missed + 1 for number, missed in before.items() if number not in now and missed < PATIENCE}
+    now, passed = dict.fromkeys(seen, 0.0), frames_within(dt_s)
+    return now | {
+        number: missed + passed for number, missed in before.items() if number not in now and missed < PATIENCE
+    }
 
 
 def look_ahead_s(method: AttentionMethod[Any]) -> float:

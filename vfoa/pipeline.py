@@ -33,7 +33,6 @@ from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import FaceDetector, HeadDetector
 from vfoa.methods import (
-    FRAME_S,
     AttentionMethod,
     FramesMethod,
     MethodSettings,
@@ -47,6 +46,7 @@ from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
 from vfoa.stereo import RegionMatcher, StereoMatcher
 from vfoa.stereo.region import needed_region
+from vfoa.times import FRAME_S
 from vfoa.tracking import Tracked, TrackingSettings
 from vfoa.types import (
     Attention,

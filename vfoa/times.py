@@ -1,12 +1,13 @@
-"""The times of the frames of a sequence, as they are given to a follower."""
+"""The times of the frames of a sequence: as they are given to a follower, and between two frames."""
 
 from __future__ import annotations
 
 import operator
 
 from vfoa.errors import VfoaError
-from vfoa.methods import FRAME_S
 
+FRAME_S = 0.04
+"""Time between frames that have no times, or times that do not increase, seconds."""
 MIN_STEP_NS = 100_000
 """Frames that are nearer than this have times in another unit: no camera or tracker takes 10,000 frames per second."""
 
@@ -14,7 +15,7 @@ MIN_STEP_NS = 100_000
 def time_of_frame(given: int | None, before: int | None) -> int:
     """Return the time of a frame, nanoseconds, after the frame ``before``; None: the first frame.
 
-    Without a time it is :data:`vfoa.methods.FRAME_S` after the frame before.
+    Without a time it is :data:`FRAME_S` after the frame before.
 
     Raises
     ------
@@ -33,3 +34,18 @@ def time_of_frame(given: int | None, before: int | None) -> int:
             "leave the times out if they are not known"
         )
     return time_ns
+
+
+def seconds_between(before_ns: int | None, now_ns: int | None) -> float:
+    """Return the time between two frames, seconds: :data:`FRAME_S` where it is unknown or not positive."""
+    if before_ns is None or now_ns is None or now_ns <= before_ns:
+        return FRAME_S
+    return (now_ns - before_ns) / 1e9
+
+
+def frames_within(dt_s: float) -> float:
+    """Return how many frames the time between two frames is worth: 1, or less if it is shorter than :data:`FRAME_S`.
+
+    What is remembered for some frames thus lasts as long at 100 frames per second as at 25.
+    """
+    return min(1.0, dt_s / FRAME_S)

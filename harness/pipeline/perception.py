@@ -220,7 +220,7 @@ class Perception:
                     places = tuple(place for place, view in enumerate(found.views) if id(view) in people)
                     if group.instances not in numbered:
                         numbered[group.instances] = _following(
-                            guarded, "tracking", group.instances.step, percepts.instances
+                            guarded, "tracking", group.instances.step, percepts.instances, frame.time_ns
                         )
                     instances, seconds = numbered[group.instances]
                     self._memo.charge("tracking", seconds)
@@ -265,8 +265,7 @@ class Perception:
                 place = ("reconstruction", guarded, "reconstruction")
                 targets = memo.call(*place, place_targets, *seen, settings)
                 if (depths := group.depths[name]) not in deep:
-                    of_frame = (frame.index, targets, percepts.rig)
-                    deep[depths] = _following(guarded, "reconstruction", depths.step, *of_frame)
+                    deep[depths] = _following(guarded, "reconstruction", depths.step, targets, percepts)
                 targets, seconds = deep[depths]
                 memo.charge("reconstruction", seconds)
                 scene = memo.call(*place, place_people, percepts, targets, settings)
@@ -274,7 +273,7 @@ class Perception:
                 memo.charge("tracking", seconds)
                 if (ids := of_people(tracked.ids)) is not tracked.ids:
                     tracked = replace(tracked, ids=ids)
-                people = self._eyes[name].step(frame.index, scene.people, tracked.ids, percepts.rig)
+                people = self._eyes[name].step(scene.people, tracked.ids, percepts)
                 if (namer := group.namers[name]) not in named:
                     named[namer] = _following(namer.step, scene, tracked)
                 names, seconds = named[namer]

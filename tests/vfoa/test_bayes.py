@@ -202,6 +202,15 @@ def test_a_target_that_was_missed_for_longer_is_forgotten() -> None:
     assert last.belief.keys == (2, None)
 
 
+@pytest.mark.parametrize(("rate_hz", "patience"), [(10, PATIENCE), (25, PATIENCE), (100, 4 * PATIENCE)])
+def test_a_fast_camera_does_not_forget_a_target_sooner(rate_hz: int, patience: int) -> None:
+    subject, states = make_subject(gaze=(-0.1, 0, 1)), (None,)
+    for number, targets in enumerate([(LEFT, RIGHT), *[(RIGHT,)] * (patience + 1)]):
+        time_ns = number * 1_000_000_000 // rate_hz
+        (attention,), states = infer_attentions((subject,), targets, states, SMOOTHED, time_ns)
+        assert (1 in attention.belief.keys) == (number <= patience)
+
+
 def test_later_frames_count_beyond_a_frame_that_misses_the_target() -> None:
     def smoothed(second: Sequence[Target]) -> list[Attention]:
         subject, states, window = make_subject(gaze=(-0.1, 0, 1)), (None,), []

@@ -35,6 +35,11 @@ def scene(x: float = -0.4, *, of: tuple[int, ...] = (PLAIN, OTHER)) -> Percepts:
     return replace(seen, disparity=of_ids(seen, of))
 
 
+def at(number: int, rate_hz: int = 25) -> Percepts:
+    """The frame of this number."""
+    return replace(SCENE, index=number, time_ns=number * 1_000_000_000 // rate_hz)
+
+
 def of_ids(percepts: Percepts, known: tuple[int, ...]) -> Disparity:
     """The disparities of these instances alone."""
     is_known = np.isin(percepts.instances.ids, known)
@@ -46,11 +51,14 @@ def placed(percepts: Percepts) -> tuple[Target, ...]:
     return place_targets(percepts.disparity, percepts.instances, percepts.rig, SETTINGS)
 
 
+SCENE = scene()
+
+
 def test_an_object_without_a_depth_is_where_its_last_depth_puts_it() -> None:
     memory = DepthMemory()
-    (before, _), blind = memory.step(7, placed(scene()), RIG), placed(scene(of=(OTHER,)))
-    (after, other) = memory.step(8, blind, RIG)
-    (later, _) = memory.step(9, blind, RIG)
+    (before, _), blind = memory.step(placed(scene()), at(7)), placed(scene(of=(OTHER,)))
+    (after, other) = memory.step(blind, at(8))
+    (later, _) = memory.step(blind, at(9))
     assert before.box is not None
     assert after.box is not None
     assert blind[0].box is None
@@ -63,8 +71,8 @@ def test_an_object_without_a_depth_is_where_its_last_depth_puts_it() -> None:
 @pytest.mark.parametrize("moved_m", [-0.1, 0.05, 0.2])
 def test_it_moves_with_its_mask(moved_m: float) -> None:
     memory, true = DepthMemory(), placed(scene(-0.4 + moved_m))[0]
-    memory.step(1, placed(scene()), RIG)
-    after = memory.step(2, placed(scene(-0.4 + moved_m, of=(OTHER,))), RIG)[0]
+    memory.step(placed(scene()), at(1))
+    after = memory.step(placed(scene(-0.4 + moved_m, of=(OTHER,))), at(2))[0]
     assert true.box is not None
     assert after.box is not None
     # from elsewhere, the camera sees another part of its side
@@ -73,24 +81,35 @@ def test_it_moves_with_its_mask(moved_m: float) -> None:
 
 def test_after_some_frames_its_depth_is_not_known() -> None:
     memory = DepthMemory()
-    memory.step(1, placed(scene()), RIG)
-    found = [memory.step(2 + n, placed(scene(of=(OTHER,))), RIG)[0].box for n in range(PATIENCE + 2)]
+    memory.step(placed(scene()), at(1))
+    found = [memory.step(placed(scene(of=(OTHER,))), at(2 + n))[0].box for n in range(PATIENCE + 2)]
     assert [box is not None for box in found] == [True] * PATIENCE + [False] * 2
+
+
+def test_a_depth_is_known_for_as_long_at_100_frames_a_second_as_at_25() -> None:
+    objects, eyes, patience = DepthMemory(), EyeMemory(), 4 * PATIENCE
+    objects.step(placed(scene()), at(0, 100))
+    eyes.step((person((-0.2, -0.3, 2.0)),), (1,), at(0, 100))
+    for number in range(1, patience + 2):
+        target, _ = objects.step(placed(scene(of=(OTHER,))), at(number, 100))
+        (seen,) = eyes.step((person(None),), (1,), at(number, 100))
+        known = target.box is not None, seen.eye_origin_left is not None
+        assert known == (number <= patience,) * 2
 
 
 def test_frames_that_miss_the_object_count() -> None:
     memory = DepthMemory()
-    memory.step(1, placed(scene()), RIG)
+    memory.step(placed(scene()), at(1))
     for n in range(PATIENCE):
-        memory.step(2 + n, (), RIG)
+        memory.step((), at(2 + n))
     blind = placed(scene(of=(OTHER,)))
-    assert memory.step(2 + PATIENCE, blind, RIG) is blind
+    assert memory.step(blind, at(2 + PATIENCE)) is blind
 
 
 def test_what_never_had_a_depth_has_none_and_what_has_one_stays() -> None:
     memory, blind, seen = DepthMemory(), placed(scene(of=(OTHER,))), placed(scene())
-    assert memory.step(1, blind, RIG) is blind
-    assert memory.step(2, seen, RIG) is seen
+    assert memory.step(blind, at(1)) is blind
+    assert memory.step(seen, at(2)) is seen
 
 
 HEAD_PX = (100.0, 40.0, 130.0, 80.0)
@@ -105,21 +124,21 @@ def person(origin: tuple[float, float, float] | None, by_px: float = 0.0) -> Per
 def test_eyes_without_a_depth_are_where_their_last_depth_puts_them() -> None:
     memory = EyeMemory()
     both = person((-0.2, -0.3, 2.0)), person((0.5, -0.3, 3.0))
-    assert memory.step(7, both, (1, 2), RIG) is both
+    assert memory.step(both, (1, 2), at(7)) is both
     blind = person(None, by_px=13.0), both[1], person(None)
-    moved, other, new = memory.step(8, blind, (1, 2, 3), RIG)
+    moved, other, new = memory.step(blind, (1, 2, 3), at(8))
     np.testing.assert_allclose(moved.eye_origin_left, [-0.2 + 13 * 2.0 / 260, -0.3, 2.0])
     assert (other, new.eye_origin_left) == (both[1], None)
     assert [each.depth_from for each in (moved, other, new)] == [7, None, None]
-    found = [memory.step(9 + n, (person(None),), (1,), RIG)[0].eye_origin_left for n in range(PATIENCE)]
+    found = [memory.step((person(None),), (1,), at(9 + n))[0].eye_origin_left for n in range(PATIENCE)]
     assert [origin is not None for origin in found] == [True] * (PATIENCE - 1) + [False]
 
 
 def test_eyes_are_those_of_the_track_and_not_of_the_place() -> None:
     memory, blind = EyeMemory(), (person(None),)
-    memory.step(1, (person((-0.2, -0.3, 2.0)),), (1,), RIG)
-    assert memory.step(2, blind, (2,), RIG) is blind
-    assert memory.step(3, blind, (None,), RIG) is blind
+    memory.step((person((-0.2, -0.3, 2.0)),), (1,), at(1))
+    assert memory.step(blind, (2,), at(2)) is blind
+    assert memory.step(blind, (None,), at(3)) is blind
 
 
 def test_a_person_whose_head_has_no_depth_is_answered() -> None:

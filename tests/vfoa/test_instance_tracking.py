@@ -162,6 +162,16 @@ def test_an_object_may_be_missed_for_some_frames(gap: int, is_same: bool) -> Non
     assert (last[7] == 2) == is_same
 
 
+@pytest.mark.parametrize(("rate_hz", "patience"), [(10, PATIENCE), (25, PATIENCE), (50, 10), (100, 20)])
+def test_a_fast_camera_may_miss_an_object_for_as_long_as_one_of_25_frames_a_second(rate_hz: int, patience: int) -> None:
+    there, gone = frame({2: (50, 20), 1: (150, 30)}), frame({1: (150, 30)})
+    for gap, is_same in ((patience, True), (patience + 1, False)):
+        tracker = InstanceTracker()
+        for number, each in enumerate([there, *[gone] * gap, frame({7: (50, 20), 1: (150, 30)})]):
+            last = tracker.step(each, number * 1_000_000_000 // rate_hz)
+        assert (last.numbers[7] == 2) == is_same
+
+
 def test_an_object_that_is_missed_takes_no_other_that_comes_to_its_place() -> None:
     """One of two cups is pushed past the other, which is missed."""
     frames = [frame({1: (50, 20), 2: (80, 20)}), *[frame({9: (80 - 6 * step, 20)}) for step in range(1, PATIENCE + 5)]]

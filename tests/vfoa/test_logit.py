@@ -119,14 +119,14 @@ def test_means_of_a_target_go_on_beyond_frames_that_miss_it() -> None:
         rows = [(LEFT, TARGETS), *[(RIGHT, TARGETS[1:])] * gap, (RIGHT, TARGETS)]
         found, means = [], Means()
         for gaze, targets in rows:
-            seen, means = observe(looking(gaze, gaze), targets, {}, means, 0.01, by_posterior(targets))
+            seen, means = observe(looking(gaze, gaze), targets, {}, means, 0.04, by_posterior(targets))
             found.append(seen)
         return found
 
     for gap in (1, PATIENCE):
         first, *_, last = seen = frames(gap)
-        for frame, other, mean in ((last, first, last.before), (first, last, later_means(seen, [0.01] * (gap + 1))[0])):
-            weight = np.exp(-0.01 * (gap + 1) / 0.3)
+        for frame, other, mean in ((last, first, last.before), (first, last, later_means(seen, [0.04] * (gap + 1))[0])):
+            weight = np.exp(-0.04 * (gap + 1) / 0.3)
             expected = (frame.now[0, 0] + weight * other.now[0, 0]) / (1 + weight)
             assert mean[0, 0] == pytest.approx(expected)
     assert frames(PATIENCE + 1)[-1].before[0, 0] == pytest.approx(frames(0)[-1].now[0, 0])

@@ -23,8 +23,9 @@ per second.
 
 The noise of a frame lasts into the next ones. If it is an AR(1) process with the time constant tau, n frames that are
 dt apart are worth n (1 - rho) / (1 + rho) independent ones, rho = exp(-dt / tau). Where dt is short, that is n dt / (2
-tau): a number per second, whatever the frame rate. So at most 1 / ``COUNTED_S`` frames per second count (tau = 20 ms).
-The answer in the others follows from the last one that counts and from their own directions.
+tau): a number per second, whatever the frame rate. So at most 1 / ``COUNTED_S`` frames per second count. Of 30 to 100
+ms, 40 (tau = 20 ms) is what leaves the answers at 25 frames per second as they were; 60 depend a little less on the
+rate. The answer in the others follows from the last one that counts and from their own directions.
 """
 _ERROR_POWER = 0.7
 """Power of the likelihood of the error (not of the target) in every frame but the first: consecutive frames carry less
