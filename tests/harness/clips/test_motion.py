@@ -114,12 +114,12 @@ def test_real_views_of_other_frames_are_told_by_their_rows(shared_data: Path, la
 
 
 @pytest.mark.usefixtures("work_here")
-@pytest.mark.parametrize(("lost", "words"), [(None, []), (20, [(0, "at the same time"), (50, "1 frame earlier")])])
+@pytest.mark.parametrize(("lost", "words"), [(None, []), (15, [(0, "at the same time"), (31, "1 frame earlier")])])
 def test_a_camera_that_loses_an_image_is_out_of_step_from_there_on(
     tmp_path: Path, lost: int | None, words: list[tuple[int, str]]
 ) -> None:
     """The names of both cameras' images count on."""
-    pairs = _poster(1, (1, 2), 66)
+    pairs = _poster(1, (1, 2), 3 * ROWS_FRAMES + 2)
     rights = [right for place, (_, right) in enumerate(pairs) if place != lost]
     for number, ((left, _), right) in enumerate(zip(pairs, rights, strict=False)):
         write_image(tmp_path / "data" / "left" / f"{number:03d}.png", left)
@@ -155,7 +155,7 @@ def test_motion_is_the_mean_change_of_gray(grays: list[int]) -> None:
 @pytest.mark.parametrize(("late", "given"), [(5, 0), (-5, 2), (40, 0)])
 def test_two_videos_that_were_not_started_together_are_told_their_offset(tmp_path: Path, late: int, given: int) -> None:
     """The check says the setting with which it passes; an offset of seconds is found over all frames."""
-    pairs = _film(180, 8)
+    pairs = _film(64 + 2 * abs(late), 8)
     lefts, rights = pairs[max(late, 0) :], pairs[max(-late, 0) :]
     write_video(tmp_path / "data" / "left.avi", [left for left, _ in lefts])
     write_video(tmp_path / "data" / "right.avi", [right for _, right in rights])

@@ -29,6 +29,12 @@ KINDS = [("a.mp4", "mp4v"), ("a.avi", "MJPG"), ("a.mkv", "XVID"), ("a.mkv", "FFV
 IMAGES = [moving_picture(number) for number in range(COUNT)]
 
 
+def _places(frames: list[np.ndarray], images: list[np.ndarray]) -> list[int]:
+    """The place of the image that each frame is most like, by every fourth pixel."""
+    few = np.stack([image[::4, ::4] for image in images]).astype(np.int16)
+    return [int(np.abs(few - frame[::4, ::4]).mean(axis=(1, 2, 3)).argmin()) for frame in frames]
+
+
 @pytest.mark.parametrize(("name", "fourcc"), KINDS)
 def test_a_frame_found_by_seeking_is_the_frame_found_by_reading(tmp_path: Path, name: str, fourcc: str) -> None:
     path = write_video(tmp_path / name, IMAGES, fourcc)
@@ -37,8 +43,7 @@ def test_a_frame_found_by_seeking_is_the_frame_found_by_reading(tmp_path: Path, 
     anywhere = Video(path)
     for place in np.random.default_rng(0).permutation(COUNT):
         assert np.array_equal(anywhere.read(int(place)), frames[place])
-    differences = [[np.abs(frame.astype(int) - image).mean() for image in IMAGES] for frame in frames]
-    assert np.argmin(differences, axis=1).tolist() == list(range(COUNT))
+    assert _places(frames, IMAGES) == list(range(COUNT))
 
 
 @pytest.mark.parametrize(
@@ -91,8 +96,7 @@ def test_every_picture_of_a_coder_is_read_and_has_its_time(
     assert list(film.times_ns) == [40_000_000 * place for place in range(COUNT)]
     assert film.rate_hz == 25.0
     frames = [film.read(place) for place in film.frames]
-    differences = [[np.abs(frame.astype(int) - image).mean() for image in images] for frame in frames]
-    assert np.argmin(differences, axis=1).tolist() == list(range(COUNT))
+    assert _places(frames, images) == list(range(COUNT))
     for place in (COUNT - 1, 40, 3):
         assert np.array_equal(Video(path).read(place), frames[place])
 
