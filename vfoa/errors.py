@@ -86,6 +86,11 @@ def did_you_mean(name: str, expected: Iterable[str]) -> str:
     return f"{hint}expected one of: {listed(names) or '(none)'}"
 
 
+def counted(n: int, what: str) -> str:
+    """A number and its noun, which gets an s: ``"1 frame"``, ``"2 frames"``."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
 def listed(names: Sequence[str], most: int = 40) -> str:
     """Names for a message, with commas; of more than ``most`` the first ones, and the number of the others."""
     more = len(names) - most

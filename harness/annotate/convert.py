@@ -34,7 +34,7 @@ from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, read_clip_records
 from harness.sources import FilmClip
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import VfoaError, check_known, counted
 
 
 def open_exchange(manifest: ClipManifest, **options: Any) -> Exchange:
@@ -43,7 +43,13 @@ def open_exchange(manifest: ClipManifest, **options: Any) -> Exchange:
     subjects, targets = tuple(manifest.subjects), tuple(manifest.targets)
     films = clip.films if isinstance(clip, FilmClip) else {}
     return Exchange(
-        timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=subjects, targets=targets, films=films, **options
+        timeline=timeline_of(clip),
+        rate_hz=clip.rate_hz,
+        subjects=subjects,
+        targets=targets,
+        former=manifest.names_now({}),
+        films=films,
+        **options,
     )
 
 
@@ -91,7 +97,7 @@ def import_labels(
     if confirm:
         new = Labels(replace_fields(row, label=replace_fields(row.label, is_suggested=False)) for row in new.ranges)
     if suggested := sum(row.label.is_suggested for row in new.ranges):
-        notes.append(f"{source}: {suggested} labels are suggestions, which are not scored; --confirm confirms them.")
+        notes.append(f"{source}: not scored: {counted(suggested, 'suggested label')}; --confirm confirms them.")
     with closing(History(manifest, annotator, exchange.timeline)) as history:
         steps = len(imported.drawn.tracks) + bool(new.ranges)
         back = f"brings them back{', step by step' if steps > 1 else ''}"
@@ -130,7 +136,7 @@ def _taken(history: History, labels: Labels, drawn: Drawn) -> dict[Path, str]:
         subject: sum(counts(mark, at, store.seen(subject)) for at, mark in enumerate(store.track(subject)))
         for subject in labels.subjects
     }
-    subjects = ", ".join(f"{subject} ({count} frames)" for subject, count in given.items() if count)
+    subjects = ", ".join(f"{subject} ({counted(count, 'frame')})" for subject, count in given.items() if count)
     present = {(track.name, track.kind) for track in history.drawing.content().tracks}
     shapes = ", ".join(f"{each.kind} of {each.name}" for each in drawn.tracks if (each.name, each.kind) in present)
     found = {store.path: subjects and f"labels of {subjects}", history.drawing.path: shapes}
@@ -222,17 +228,17 @@ def predicted_labels(records: ClipRecords, names: Collection[str]) -> Imported:
         the object.
     """
     labelled: dict[str, dict[int, tuple[Label, float]]] = {}
-    counts = Counter[str]()
+    counts = Counter[tuple[str, str]]()
     for frame, record in sorted(records.by_frame.items()):
         for person in record.subjects:
             name = person.name or f"person#{person.track_id}"
             of_person = labelled.setdefault(name, {})
             missing = person.missing or (None if records.says_nowhere or person.focus is not None else "nothing hit")
             if missing is not None:
-                counts[f"frames of {name} have no prediction ({missing}) and no label"] += 1
+                counts["frame", f"of {name} without a prediction ({missing}): no label"] += 1
             elif frame not in of_person:  # if two tracks share a name, the first counts, as in the score
                 of_person[frame] = _label(record, person, name, names)
-                counts["labels are 'ignore': the manifest has no name for what was predicted"] += (
+                counts["label", "set to 'ignore': the manifest has no name for what was predicted"] += (
                     of_person[frame][0].target == IGNORED
                 )
     frames = sorted(records.by_frame)
@@ -242,7 +248,8 @@ def predicted_labels(records: ClipRecords, names: Collection[str]) -> Imported:
         for row in ranges_of(name, ((frame, labels[frame][0] if frame in labels else None) for frame in frames))
     ]
     return Imported(
-        labels=Labels(rows), notes=tuple(f"{count} {words}." for words, count in sorted(counts.items()) if count)
+        labels=Labels(rows),
+        notes=tuple(f"{counted(n, noun)} {more}." for (noun, more), n in sorted(counts.items()) if n),
     )
 
 

@@ -14,7 +14,7 @@ from harness.cli.clip_adding import add_clip
 from harness.cli.options import Clip, Json, clip_and_family_names
 from harness.cli.terminal import bytes_bar, exit_if_interrupted, frames_bar, print_json, print_table, say
 from harness.run.notes import clips_by_line
-from vfoa.errors import VfoaError, check_known, listed
+from vfoa.errors import VfoaError, check_known, counted, listed
 
 if TYPE_CHECKING:
     from harness.clips.check import ClipCheck
@@ -97,7 +97,7 @@ def export_clip(
             export_film(opened, to, frames, progress=lambda: advance(clip))
         else:
             export_images(opened, to, frames, as_jpeg=jpeg, with_right=right, progress=lambda: advance(clip))
-    say(f"{to}: {len(frames)} frames, {frames[0]} to {frames[-1]}, rectified")
+    say(f"{to}: {counted(len(frames), 'frame')}, {frames[0]} to {frames[-1]}, rectified")
 
 
 @app.command(name="fetch", short_help="Download clips: MPI Sintel, people, or stereo pictures.")
@@ -177,7 +177,7 @@ def _convert_vr_objects(root: Path) -> None:
         place.mkdir(exist_ok=True)
         write_measured(place, clip.measurements)
         write_annotations(place / "labels.csv", true_labels(clip, unknown=""))
-        say(f"{place}: {len(clip.frames)} frames")
+        say(f"{place}: {counted(len(clip.frames), 'frame')}")
 
 
 def _print_list(rows: list[ClipRow]) -> None:

@@ -14,7 +14,7 @@ import typer
 
 from harness.cli.serving import browse
 from harness.cli.terminal import say
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, counted, did_you_mean
 
 if TYPE_CHECKING:
     from harness.record.composed import RecordedClip
@@ -172,7 +172,7 @@ def _that_can_be_shown(wrong: Sequence[Verdict], recordings: Sequence[RecordedCl
     recorded = {(each.files.clip, layer.configuration) for each in recordings for layer in each.layers}
     shown = [verdict for verdict in wrong if (verdict.clip, verdict.configuration) in recorded]
     if left_out := len(wrong) - len(shown):
-        say(f"vfoa: {left_out} wrong frames have no recording: they are left out", err=True)
+        say(f"vfoa: left out: {counted(left_out, 'wrong frame')} without a recording", err=True)
     return shown
 
 

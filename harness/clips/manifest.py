@@ -253,7 +253,12 @@ class ClipManifest(Settings):
     def read(self, path: Path, timeline: Timeline | None, *, allow_gaps: bool = False) -> Labels:
         """Read one of the clip's annotation files; parameters and errors are those of :func:`read_annotations`."""
         return read_annotations(
-            path, timeline=timeline, subjects=self.subjects, targets=self.targets, allow_gaps=allow_gaps
+            path,
+            timeline=timeline,
+            subjects=self.subjects,
+            targets=self.targets,
+            former=self.names_now({}),
+            allow_gaps=allow_gaps,
         )
 
 

@@ -11,7 +11,7 @@ place a row holds for the frames whose time lies in [start, end). ``annotations/
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,6 +46,7 @@ def read_annotations(
     timeline: Timeline | None,
     subjects: Iterable[str],
     targets: Iterable[str],
+    former: Mapping[str, str] | None = None,
     allow_gaps: bool = False,
 ) -> Labels:
     """Read a clip's annotations.
@@ -60,6 +61,8 @@ def read_annotations(
         file whose ranges are times cannot be read.
     subjects, targets
         The manifest's names. Subjects can be targets of others.
+    former
+        The present names of renamed targets by earlier name, for messages.
     allow_gaps
         Accept unfinished labelling: frames without a label between two labels of a subject.
 
@@ -75,7 +78,7 @@ def read_annotations(
     if header is None:
         raise VfoaError(f"{path}:2: no header; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)}")
     _check_header(header, f"{path}:{line}")
-    reader = RowReader(header, timeline, set(subjects), targets)
+    reader = RowReader(header, timeline, set(subjects), targets, former or {})
     if reader.in_time and not (timeline and timeline.times_ns):
         raise VfoaError(f"{path}:{line}: ranges of time need the clip's frame times, which are not known")
     places = ((f"{path}:{line}", cells) for line, cells in lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from harness.files.dialects import check_width
 from harness.files.tables import whole_number
@@ -18,7 +18,7 @@ from harness.labels.labels import (
     missing_between,
     parse_seconds,
 )
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import VfoaError, check_known, did_you_mean
 
 FRAME_COLUMNS = ("first_frame", "last_frame")
 TIME_COLUMNS = ("start_s", "end_s")
@@ -36,7 +36,12 @@ class RowReader:
     """Reads the rows below one header; names are the manifest's."""
 
     def __init__(
-        self, columns: Sequence[str], timeline: Timeline | None, subjects: set[str], targets: Iterable[str]
+        self,
+        columns: Sequence[str],
+        timeline: Timeline | None,
+        subjects: set[str],
+        targets: Iterable[str],
+        former: Mapping[str, str],
     ) -> None:
         self.in_time = TIME_COLUMNS[0] in columns
         self._columns = columns
@@ -45,6 +50,7 @@ class RowReader:
         self._timeline = timeline
         self._rounding_ns = timeline.rounding_ns if timeline and self.in_time else 0
         self._subjects, self._targets = subjects, {*targets, *subjects, *RESERVED}
+        self._former = former
 
     def read(self, cells: list[str], where: str) -> LabelRange | None:
         """Parse the row at a place (for messages); None for a range of time in which a partly known clip has no frame.
@@ -66,7 +72,8 @@ class RowReader:
         check_text(cells, where)
         subject, target, note = cells[2:5]
         check_known(subject, self._subjects, f"{where}: unknown subject")
-        check_known(target, self._targets, f"{where}: unknown target")
+        if target not in self._targets:
+            raise VfoaError(f"{where}: unknown target {target!r}; {expected_name(target, self._targets, self._former)}")
         if target == subject:
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
         return Label(
@@ -103,6 +110,13 @@ class RowReader:
             clip = " to ".join(format_seconds(timeline.times_ns[end]) for end in (0, -1))
             raise VfoaError(f"{where}: no frame lies in {cells[0]} to {cells[1]} s; the clip's times: {clip} s")
         return (*frames, (start_ns, end_ns)) if frames else None
+
+
+def expected_name(unknown: str, known: Iterable[str], former: Mapping[str, str]) -> str:
+    """What is expected instead of an unknown name; ``former``: present names of renamed targets by earlier name."""
+    if unknown in former:
+        return f"this target is called {former[unknown]!r} now; expected that name"
+    return did_you_mean(unknown, known)
 
 
 def check_text(cells: Iterable[str], where: str) -> None:

@@ -25,6 +25,7 @@ or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -50,7 +51,7 @@ from harness.run.grid import Variant, base_of, repeated, variants
 from harness.run.manifest import Published
 from harness.run.notes import Note, NoteKind, fitted_on_reported
 from vfoa.config import Tables, dotted_tables
-from vfoa.errors import VfoaError, check_known, did_you_mean
+from vfoa.errors import VfoaError, check_known, did_you_mean, located
 from vfoa.methods import DEFAULT_METHOD
 from vfoa.registry import AUTO
 from vfoa.removed import removed
@@ -168,12 +169,10 @@ def load_experiment(
     chosen = clips or file.clips
     if not chosen:
         raise VfoaError(f"{where}: clips: expected at least one clip, found none")
-    if twice := next((clip for clip in chosen if chosen.count(clip) > 1), None):
-        raise VfoaError(f"{where}: clips: {twice!r} occurs twice; expected each clip once")
-    try:
+    with nullcontext() if clips else located(f"{where}: clips"):
+        if twice := next((clip for clip in chosen if chosen.count(clip) > 1), None):
+            raise VfoaError(f"clip {twice!r} is given twice; expected each clip once")
         present, absent = clips_here(chosen)
-    except VfoaError as error:
-        raise VfoaError(f"{where}: clips: {error}") from None
     missing = (f"Not here, and not run: {', '.join(absent)}.",) if absent else ()
     changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
     configurations, partly = _configurations(file, changes, preset, where)

@@ -68,6 +68,10 @@ def run_plan(
     KeyboardInterrupt
         If the run is interrupted, after ``tell`` was called with what is kept.
     """
+    if scheduler is not None:
+        from harness.run.executors.cluster import check_address
+
+        check_address(scheduler)  # also for a finished run, which does not connect
     if plan.fit is None and plan.unfitted:
         raise VfoaError(
             f"{plan.experiment.name}: {plan.unfitted[0].name}: its weights are not fitted yet; expected `vfoa run`, "
@@ -84,7 +88,8 @@ def run_plan(
     if _is_done(plan, directory, retry_failed):
         for prepared in plan.clips:
             skip(prepared, progress)
-        tell(f"{directory.path}: finished already; nothing was computed")
+        unused = "" if scheduler is None else f", and {scheduler} was not asked"
+        tell(f"{directory.path}: finished already; nothing was computed{unused}")
         return directory
     made = missing_of(directory.path)
     with locked(directory.path, tell), removed_if_refused(directory, made):

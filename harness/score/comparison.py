@@ -22,6 +22,7 @@ from harness.score.statistics import (
     sign_flip_p,
     smallest_p,
 )
+from vfoa.errors import counted
 from vfoa.types import Float
 
 POWER = 0.8
@@ -94,7 +95,7 @@ class Comparison:
     @property
     def counted_units(self) -> str:
         """The number of units of the test, in words."""
-        return _counted(self.clips, "clip") if self.unit == "clip" else _counted(self.looks, "joined look")
+        return counted(self.clips, "clip") if self.unit == "clip" else counted(self.looks, "joined look")
 
     def inferiority_p(self, margin: float) -> float:
         """One-sided p of the hypothesis that the configuration is worse by the margin (a share) or more."""
@@ -116,7 +117,7 @@ class Comparison:
         basis = self.counted_units
         if self.unit == "look":
             only = "this clip" if self.clips == 1 else "these clips"
-            basis = f"{basis} of {_counted(self.clips, 'clip')}, {only} only"
+            basis = f"{basis} of {counted(self.clips, 'clip')}, {only} only"
         p = format_p(self.p)
         if self.family > 1:
             p = f"{format_p(self.p_holm)}, corrected for {self.family} comparisons"
@@ -196,17 +197,13 @@ def _comparison(reference: str, configuration: str, pairs: Pairs) -> Comparison:
     )
 
 
-def _counted(n: int, what: str) -> str:
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
-
-
 NO_COMMON_FRAME = "no common frame"
 """What is said of configurations that were scored on different frames, as those of runs of different clips."""
 
 
 def identical_on(frames: int) -> str:
     """The sentence about configurations that are right on the same frames, and so have no spread."""
-    return f"identical on {_counted(frames, 'frame')}"
+    return f"identical on {counted(frames, 'frame')}"
 
 
 def format_p(p: float) -> str:

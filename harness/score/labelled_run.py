@@ -285,10 +285,10 @@ def read_features(part: PairCase, progress: Progress) -> FoundFeatures:
     pair, advance = part.pair, partial(progress, part.pair.clip)
     try:
         found = features_of(part, read_scenes(pair.tables, pair.settings.attention.cloud_points), advance)
-    except NoCloudsError as error:
+    except NoCloudsError:
         raise VfoaError(
-            f"fit: {pair.clip}: {pair.configuration} kept no clouds of its targets, which the logit looks at; "
-            f'expected a run with attention.method = "logit" or "bayes" ({error})'
+            f"fit: {pair.clip}: {pair.configuration} has no clouds of its targets; "
+            'expected a run with attention.method = "logit" or "bayes"'
         ) from None
     for _ in range(count_frames(pair.tables["frames"]) - len(found.times_s)):
         advance()

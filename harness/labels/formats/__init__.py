@@ -49,6 +49,7 @@ class AnnotationCsv:
             timeline=exchange.timeline,
             subjects=exchange.subjects,
             targets=exchange.targets,
+            former=exchange.former,
             allow_gaps=True,
         )
         return exchange.labels(labels.ranges, path)

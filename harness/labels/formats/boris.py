@@ -25,7 +25,7 @@ from harness.files.parsing import parse_json
 from harness.labels.formats.boris_exports import read_export
 from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans, one_line
 from harness.labels.labels import Label, Timeline
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import VfoaError, check_known, counted
 
 NO_MODIFIER = "none"
 """Given as the set of modifiers: behaviours are the targets, and modifiers are left out."""
@@ -79,7 +79,9 @@ def from_project(project: Mapping[str, Any], exchange: Exchange, path: Path) -> 
     behaviours = _behaviours(project)
     events = _events(observation, where)
     states = [event for event in events if not behaviours.get(event.behaviour, _Behaviour()).is_point]
-    notes = [f"{path}: {n} point events have no length and are left out."] if (n := len(events) - len(states)) else []
+    notes = (
+        [f"{path}: left out: {counted(n, 'point event')} without a length."] if (n := len(events) - len(states)) else []
+    )
     _check_modifiers(states, behaviours, exchange.modifier, where)
     if _is_of_pictures(observation):
         shown, offset_ms = _numbered(exchange.frames), 0

@@ -63,7 +63,7 @@ def _read(path: Path) -> ShapeFile:
         raise VfoaError(f"{path}: image {twice[0]} occurs {images.count(twice[0])} times; expected it once")
     tracks = [*_tracks(root, path), *tracks_of(_of_images(root, path))]
     left_out = sum(1 for tag in LEFT_OUT for _ in root.iter(tag))
-    words = f"{left_out} skeletons, cuboids and tags" if left_out else ""
+    words = f"skeletons, cuboids and tags: {left_out}" if left_out else ""
     is_film = any(mode.text == "interpolation" for mode in root.iter("mode"))
     return ShapeFile(tracks=tracks, images=images, size_px=_size(root, path), is_film=is_film, left_out=words)
 

@@ -25,8 +25,8 @@ from harness.labels.labels import (
     fill_gaps,
     format_seconds,
 )
-from harness.labels.rows import check_sequence
-from vfoa.errors import VfoaError, check_known, did_you_mean
+from harness.labels.rows import check_sequence, expected_name
+from vfoa.errors import VfoaError, check_known, counted, did_you_mean
 
 MS = 1_000_000
 """A millisecond in ns."""
@@ -66,6 +66,7 @@ class NameLog:
     """
 
     renamed: Mapping[str, str]
+    former: Mapping[str, str] = field(default_factory=dict)
     _seen: set[str] = field(default_factory=set)
     _unknown: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
     """By kind and name: the first place, and the suggestion."""
@@ -89,7 +90,8 @@ class NameLog:
         """Our name for theirs. An unknown one is recorded; :meth:`check` reports all of them at once."""
         ours = self.translate(name, subject)
         if ours not in known:
-            self._unknown.setdefault((kind, name), (where, f"{ours!r}; {did_you_mean(ours, known)}"))
+            former = self.former if kind == "target" else {}
+            self._unknown.setdefault((kind, name), (where, f"{ours!r}; {expected_name(ours, known, former)}"))
         return ours
 
     def check(self, path: object) -> tuple[str, ...]:
@@ -121,6 +123,8 @@ class Exchange:
         The clip's frames and times; None: the frame rate is not known.
     subjects, targets
         The manifest's names.
+    former
+        The present names of renamed targets by earlier name, for messages.
     fps
         The rate at which the other program shows the clip's frames; None: at the clip's own times.
     offset
@@ -146,6 +150,7 @@ class Exchange:
     rate_hz: float | None
     subjects: Collection[str]
     targets: Collection[str]
+    former: Mapping[str, str] = field(default_factory=dict)
     fps: float | None = None
     offset: float | None = None
     films: Mapping[str, float] = field(default_factory=dict)
@@ -163,7 +168,7 @@ class Exchange:
     @cached_property
     def names(self) -> NameLog:
         """The names found while a file is read."""
-        return NameLog(renamed=self.renamed)
+        return NameLog(renamed=self.renamed, former=self.former)
 
     @cached_property
     def frames(self) -> Sequence[int]:
@@ -253,8 +258,8 @@ class Exchange:
             added = {*filled.of(subject)} - {*labels.of(subject)}
             if frames := sum(len(self.positions(row)) for row in added):
                 notes.append(
-                    f"{path}: {subject}: {frames} frames between labels have no label and "
-                    f"become {self.gaps!r} (--gaps)."
+                    f"{path}: {subject}: {counted(frames, 'frame')} without a label, between "
+                    f"labels: {self.gaps!r} (--gaps)."
                 )
         return Imported(labels=filled, notes=tuple(notes))
 
@@ -311,7 +316,7 @@ def _with_cut(spans: Sequence[Span], timeline: Timeline, imported: Imported, pat
     if not cut:
         return imported
     most_s, first = max(most_ns for most_ns, _ in cut) / 1e9, cut[0][1]
-    note = f"{path}: {len(cut)} labels last beyond the clip by up to {most_s:.1f} s and are cut, the first at {first}."
+    note = f"{path}: cut: {counted(len(cut), 'label')} beyond the clip by up to {most_s:.1f} s, the first at {first}."
     return replace(imported, notes=(*imported.notes, note))
 
 
@@ -319,7 +324,7 @@ def without(outside: Sequence[str], imported: Imported, path: object) -> Importe
     """Labels with a note on those that hold no frame of the clip, by their places in the file."""
     if not outside:
         return imported
-    note = f"{path}: {len(outside)} labels hold no frame of the clip and are left out, the first at {outside[0]}."
+    note = f"{path}: left out: {counted(len(outside), 'label')} without a frame of the clip, the first at {outside[0]}."
     return Imported(labels=imported.labels, notes=(*imported.notes, note))
 
 

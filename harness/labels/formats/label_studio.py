@@ -26,7 +26,7 @@ from harness.files.io import read_bytes
 from harness.files.parsing import parse_json_as
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly, file_name
 from harness.labels.formats.tiers import Annotation, from_tiers
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import VfoaError, check_known, counted
 
 _EXPECTED = "expected what Label Studio exports as JSON (not JSON-MIN)"
 _UPLOADED = re.compile(r"[0-9a-f]{8}-(?=.)")
@@ -86,10 +86,10 @@ class LabelStudio(ReadOnly):
         shown = exchange if exchange.rate_hz is None else replace(exchange, fps=None)
         imported = from_tiers(sizes, lambda tier: tiers.get(tier, ()), shown, path, kind="tag")
         left_out = {
-            "tasks of other films": sum(name != film for name in films),
-            "regions that are not of a timeline or of sound": sum(not _is_read(region) for region in regions),
+            ("task", "of other films"): sum(name != film for name in films),
+            ("region", "not of a timeline or of sound"): sum(not _is_read(region) for region in regions),
         }
-        notes = (f"{path}: {count} {what} are left out." for what, count in left_out.items() if count)
+        notes = (f"{path}: left out: {counted(n, noun)} {more}." for (noun, more), n in left_out.items() if n)
         return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
 

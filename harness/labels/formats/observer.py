@@ -18,7 +18,7 @@ from typing import Any
 from harness.files.dialects import check_width, is_missing, number_hint, plain_name, table_rows
 from harness.labels.formats.boris import from_project
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 
 _COLUMNS: Mapping[str, tuple[str, ...]] = {
     "time": ("time_relative_sf", "relative_time_seconds"),
@@ -42,7 +42,7 @@ class Observer(ReadOnly):
         only = next(iter(exchange.subjects)) if len(exchange.subjects) == 1 else ""
         points = sum(row.kind in _POINTS for row in rows)
         imported = from_project(_project([row for row in rows if row.kind not in _POINTS], only), exchange, path)
-        notes = [f"{path}: {points} points have no length and are left out."] if points else []
+        notes = [f"{path}: left out: {counted(points, 'point')} without a length."] if points else []
         return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
 

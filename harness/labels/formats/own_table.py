@@ -35,7 +35,7 @@ from harness.labels.formats.exchange import (
 from harness.labels.formats.eye_trackers import area_of, check_no_recording, of_eye_tracker, with_target
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
 from harness.labels.rows import check_ends, check_sequence, check_text
-from vfoa.errors import VfoaError, check_known, listed
+from vfoa.errors import VfoaError, check_known, counted, listed
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "subject": ("subject", "person", "who", "participant", "participant_name"),
@@ -114,7 +114,7 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
         imported = _frames(known, place, exchange, path)
     notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
     if len(known) < len(given):
-        notes.append(f"{path}: {len(given) - len(known)} rows without a target are left out.")
+        notes.append(f"{path}: left out: {counted(len(given) - len(known), 'row')} without a target.")
     return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
 
 
@@ -377,7 +377,7 @@ def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) 
     check_sequence(found, exchange.timeline, allow_gaps=True)
     imported = without(outside, exchange.labels(_joined([row for _, row in found], exchange.frames), path), path)
     between = len(moments) - len(found)
-    note = f"{path}: {between} rows lie between frames: each frame has the label of the nearest row."
+    note = f"{path}: {counted(between, 'row')} between frames: each frame has the label of the nearest row."
     return Imported(labels=imported.labels, notes=(*imported.notes, *([note] if between else [])))
 
 

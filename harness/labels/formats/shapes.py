@@ -21,7 +21,7 @@ from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.formats.own_table import COLUMNS
 from harness.labels.labels import NOWHERE, Label, ranges_of
 from harness.sources.media.frame_files import number_names
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import VfoaError, check_known, counted
 
 _NAMES = ("name", *COLUMNS["subject"])
 """Attributes that have the name of an object."""
@@ -284,6 +284,6 @@ def _notes(file: ShapeFile, named: list[_Named], frames: Mapping[int | str, int]
     if unknown := dict.fromkeys(_described(track) for track in file.tracks if id(track) not in known):
         yield f"{path}: no subject or target, left out: {', '.join(unknown)}."
     if outside := sum(at not in frames for at in file.ats()):
-        yield f"{path}: {outside} of its frames are not in the clip and are left out."
+        yield f"{path}: left out: {counted(outside, 'frame')} outside the clip."
     if file.left_out:
-        yield f"{path}: {file.left_out} are left out."
+        yield f"{path}: left out: {file.left_out}."

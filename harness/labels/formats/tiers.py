@@ -13,7 +13,7 @@ from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans
 from harness.labels.formats.own_table import COLUMNS
 from harness.labels.labels import Label
 from harness.labels.rows import SUGGESTED, parse_point, parse_tags
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import VfoaError, check_known, counted
 
 NOTE, POINT, TAG, STATE = ":note", ":point_px", ":tag", ":state"
 """What follows a subject's name in the names of the tiers beside it."""
@@ -65,7 +65,7 @@ def from_tiers(
     ]
     imported = from_spans(spans, exchange, path)
     notes = [
-        f"{path}: {kind} {tier!r}: {empty} annotations without a value are left out."
+        f"{path}: {kind} {tier!r}: left out: {counted(empty, 'annotation')} without a value."
         for tier, annotations in held.items()
         if (empty := sum(not value for *_, value in annotations))
     ]

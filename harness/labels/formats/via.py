@@ -28,7 +28,7 @@ from harness.files.io import read_bytes
 from harness.files.parsing import parse_json_as
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly, one_line
 from harness.labels.formats.tiers import Annotation, check_chosen, from_tiers, named_subject, target_code
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 
 _EXPECTED = "expected a project (JSON) of VIA 3, or the CSV that it exports"
 _COMMENTS = re.compile(r"(?:#[^\n]*+\n?)*+")
@@ -80,11 +80,11 @@ class Via(ReadOnly):
         imported = from_tiers(sizes, lambda tier: tiers.get(tier, ()), exchange, path, kind="attribute")
         regions = sum(entry.has_region for entry in shown)
         left_out = {
-            "segments or regions of other films": len(entries) - len(shown),
-            "regions of images": regions,
-            "entries without a start and an end": len(shown) - len(segments) - regions,
+            ("segment or region", "of other films"): len(entries) - len(shown),
+            ("region", "of images"): regions,
+            ("segment", "without a start and an end"): len(shown) - len(segments) - regions,
         }
-        notes = (f"{path}: {count} {what} are left out." for what, count in left_out.items() if count)
+        notes = (f"{path}: left out: {counted(n, noun)} {more}." for (noun, more), n in left_out.items() if n)
         return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
 

@@ -29,6 +29,14 @@ _ADDRESS = re.compile(r"(tcp|tls|ucx|wss?)://.+:\d+")
 PATIENCE_SECONDS = 30
 
 
+def check_address(address: str) -> None:
+    """Raise :class:`VfoaError` for what is no address of a scheduler; whether one answers there is not checked."""
+    if not _ADDRESS.fullmatch(address):
+        raise VfoaError(
+            f"--scheduler {address}: expected the address that `dask scheduler` prints, such as tcp://127.0.0.1:8786"
+        )
+
+
 @contextmanager
 def connect(address: str) -> Iterator[Client]:
     """Yield a client of the scheduler at ``tcp://host:port``.
@@ -42,10 +50,7 @@ def connect(address: str) -> Iterator[Client]:
         from distributed import Client
     except ImportError:
         raise VfoaError("--scheduler: needs Dask's distributed; install vfoa[cluster]") from None
-    if not _ADDRESS.fullmatch(address):
-        raise VfoaError(
-            f"--scheduler {address}: expected the address that `dask scheduler` prints, such as tcp://127.0.0.1:8786"
-        )
+    check_address(address)
     try:
         client = Client(address, timeout=PATIENCE_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -66,8 +66,8 @@ def test_predictions_are_suggestions_with_their_probability(tmp_path: Path) -> N
     ]
     assert all(row.label.is_suggested for row in found.labels.ranges)
     assert found.notes == (
-        "1 frames of girl have no prediction (no_direction) and no label.",
-        "1 labels are 'ignore': the manifest has no name for what was predicted.",
+        "1 frame of girl without a prediction (no_direction): no label.",
+        "1 label set to 'ignore': the manifest has no name for what was predicted.",
     )
 
 
@@ -75,7 +75,7 @@ def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:
     run = write_run(tmp_path, ["bird", "none", "cup"], probabilistic=False)
     found = predicted_labels(read_clip_records(run, "clip", None), TARGETS)
     assert [(row.first_frame, row.label.target) for row in found.labels.ranges] == [(1, "bird"), (3, "cup")]
-    assert found.notes == ("1 frames of girl have no prediction (nothing hit) and no label.",)
+    assert found.notes == ("1 frame of girl without a prediction (nothing hit): no label.",)
 
 
 @pytest.mark.parametrize("name", ["elan", "csv"])
@@ -107,7 +107,8 @@ def test_notes_on_several_clips_name_theirs(tmp_path: Path) -> None:
     ]
     of_records.write_run(tmp_path, records, clips=clips, configurations={"one": {}})
     notes = [notes for _, notes in export_predictions(tmp_path, "csv")]
-    assert [[note.partition(" frames of girl")[0] for note in of_clip] for of_clip in notes] == [["a: 1"], ["b: 1"]]
+    cut = [[note.partition(" of girl")[0] for note in of_clip] for of_clip in notes]
+    assert cut == [["a: 1 frame"], ["b: 1 frame"]]
 
 
 def test_a_corrected_file_is_not_written_over(tmp_path: Path) -> None:

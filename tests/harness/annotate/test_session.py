@@ -215,7 +215,7 @@ def test_wrong_choices_are_one_line(opened: Any, work: Path, choices: dict[str, 
 def test_a_clip_in_which_nobody_looks_is_refused(work: Path) -> None:
     path = work / "datasets" / "noise.toml"
     path.write_text(MANIFEST.replace("subjects.ann", "targets.ann").replace("subjects.ben", "targets.ben"))
-    with pytest.raises(VfoaError, match="subjects: none"):
+    with pytest.raises(VfoaError, match="found no subject"):
         Session(str(path))
 
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from harness.clips.manifest import load_manifest
 from harness.labels.files import read_annotations, write_annotations
 from harness.labels.labels import Label, LabelRange, Labels, Timeline, ranges_of
 from tests.disk import write_bytes, write_text
@@ -185,6 +186,17 @@ def test_a_file_that_a_spreadsheet_program_saved_has_the_same_labels(tmp_path: P
     ]
     with pytest.raises(VfoaError, match=r"a\.csv:6: unknown target 'brid'"):
         _read(write_text(tmp_path / "a.csv", text + separator.join(["6", "7", "girl", "brid", "", ""])))
+
+
+def test_the_earlier_name_of_a_renamed_target_is_answered_with_its_name_now(tmp_path: Path) -> None:
+    manifest = write_text(
+        tmp_path / "datasets" / "clip.toml",
+        'name = "clip"\nadapter = "stereo_folder"\n[subjects.girl]\ncategory = "person"\n'
+        '[targets.eagle]\ncategory = "bird"\nformerly = ["bird"]\n',
+    )
+    path = write_text(tmp_path / "a.csv", HEAD + "1,5,girl,bird,\n")
+    with pytest.raises(VfoaError, match=r"a\.csv:3: unknown target 'bird'; .*'eagle' now"):
+        load_manifest(str(manifest)).read(path, _timeline(range(1, 51)))
 
 
 @pytest.mark.parametrize(("separator", "quote"), [(";", ""), ("\t", ""), (",", '"')])

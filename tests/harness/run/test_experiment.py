@@ -68,6 +68,13 @@ def test_a_default_holds_for_the_stages_that_have_it(tmp_path: Path) -> None:
     assert found["truth"]["stereo"] == {"matcher": "truth"}
 
 
+def test_a_clip_that_is_given_twice_is_not_said_of_the_file(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"^clip 'demo_1' is given twice"):
+        load_experiment(_write(tmp_path, HEAD), clips=("demo_1", "demo_1"))
+    with pytest.raises(VfoaError, match=r"mine\.toml: clips: clip 'one' is given twice"):
+        load_experiment(_write(tmp_path, HEAD.replace('"two"', '"one"')))
+
+
 def test_a_limit_holds_for_the_clips_of_the_file_alone(tmp_path: Path) -> None:
     path = _write(tmp_path, "limit = 5\n" + HEAD)
     own, another = load_experiment(path), load_experiment(path, clips=("studio_table",))

@@ -289,6 +289,14 @@ def test_no_client_is_made_for_what_is_no_address_of_a_scheduler(address: str, m
         pass
 
 
+def test_the_address_of_a_scheduler_is_checked_for_a_finished_run_too(experiment: Path, alone: RunDirectory) -> None:
+    said: list[str] = []
+    _run(experiment, alone.path.parent, 1, cached=False, scheduler="tcp://127.0.0.1:9", tell=said.append)
+    assert [line for line in said if "tcp://127.0.0.1:9" in line and str(alone.path) in line] == said
+    with pytest.raises(VfoaError, match="--scheduler 127"):
+        _run(experiment, alone.path.parent, 1, cached=False, scheduler="127.0.0.1:9")
+
+
 def test_a_cluster_changes_nothing(experiment: Path, alone: RunDirectory, tmp_path: Path, scheduler: str) -> None:
     assert _same(_run(experiment, tmp_path, 1, scheduler=scheduler), alone)
 

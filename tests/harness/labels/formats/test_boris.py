@@ -66,7 +66,7 @@ def test_a_project_is_read(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.boris", _project(talk={"type": "MEDIA", "events": TALK}))
     imported = Boris().read(path, exchange())
     assert imported.labels.ranges == ROWS
-    assert imported.notes == (f"{path}: 1 point events have no length and are left out.",)
+    assert imported.notes == (f"{path}: left out: 1 point event without a length.",)
     packed = write_bytes(tmp_path / "b.boris.gz", gzip.compress(path.read_bytes()))
     assert Boris().read(packed, exchange()).labels.ranges == ROWS
 
@@ -210,7 +210,7 @@ GENUINE = {name: Path(__file__).with_name(f"boris_8_{name}.tsv") for name in ("t
 @pytest.mark.parametrize(
     ("name", "how", "ranges", "notes"),
     [
-        ("tabular", {"observation": "talk"}, ROWS, ["1 point events have no length and are left out."]),
+        ("tabular", {"observation": "talk"}, ROWS, ["left out: 1 point event without a length."]),
         ("tabular", {"observation": "later"}, (row(1, 5, "cup"),), ["an offset of -100 s is added to its times."]),
         ("tabular", {"observation": "queue"}, (row(1, 5, "cup"),), ["an offset of -2 s is added to its times."]),
         ("aggregated", {"modifier": "1"}, (row(1, 2, "bird"), row(3, 5, "cup")), []),
@@ -318,7 +318,7 @@ def test_exported_tables_are_read_as_the_project(name: str, encoding: str, tmp_p
     path = write_bytes(tmp_path / "a.tsv", EXPORTS[name].encode(encoding))
     imported = Boris().read(path, exchange(films={"front.mp4": 0.0}))
     assert imported.labels.ranges == ROWS
-    assert f"{path}: 1 point events have no length and are left out." in imported.notes
+    assert f"{path}: left out: 1 point event without a length." in imported.notes
 
 
 @pytest.mark.parametrize(

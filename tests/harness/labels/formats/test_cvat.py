@@ -241,7 +241,7 @@ def test_what_has_no_box_is_counted(tmp_path: Path) -> None:
     skeleton = '<skeleton frame="1" keyframe="1"><points label="nose" frame="1" points="3,4"/></skeleton>'
     cuboid = '<cuboid frame="2" keyframe="1" xtl1="1" ytl1="2"/>'
     imported = read(tmp_path, cvat_track("bird", cvat_box(0, (0, 0, 9, 9)), skeleton, cuboid))
-    assert [note for note in imported.notes if ": 2 skeletons, cuboids and tags are left out" in note]
+    assert [note for note in imported.notes if ": left out: skeletons, cuboids and tags: 2" in note]
     assert {frame for _, _, frame in places(imported.drawn)} == {*range(1, 51)}
 
 

@@ -87,8 +87,10 @@ def test_a_spreadsheet_and_its_exports_hold_the_same_labels(tmp_path: Path) -> N
     for path in files:
         labels, notes = _read(path)
         assert labels == EXPECTED, path
-        left_out = [name for name in ("'trial'", "'remarks'", "'girl': 1 ") if any(name in note for note in notes)]
-        assert left_out == (["'trial'", "'remarks'", "'girl': 1 "] if path in files[:2] else ["'girl': 1 "])
+        places = ("'trial'", "'remarks'", "'girl': left out: 1 ")
+        assert [place for place in places if any(place in note for note in notes)] == [
+            *places[0 if path in files[:2] else 2 :]
+        ]
 
 
 @pytest.mark.parametrize("version", ["#2", "#3", ""])

@@ -115,8 +115,8 @@ def test_frames_without_a_label_are_filled_and_counted(tmp_path: Path, gaps: str
     )
     imported = Elan().read(path, exchange(gaps=gaps))
     assert imported.labels.ranges == (row(1, 2, "bird"), filled, row(6, 6, "cup"))
-    assert imported.notes[0] == f"{path}: girl: 3 frames between labels have no label and become {gaps!r} (--gaps)."
-    assert "1 labels hold no frame of the clip and are left out, the first at" in imported.notes[1]
+    assert imported.notes[0] == f"{path}: girl: 3 frames without a label, between labels: {gaps!r} (--gaps)."
+    assert "left out: 1 label without a frame of the clip, the first at" in imported.notes[1]
     assert "9.000 to 9.100 s" in imported.notes[1]
 
 
@@ -209,7 +209,7 @@ def test_annotations_without_a_value_are_left_out_and_counted(tmp_path: Path) ->
     path = write_text(tmp_path / "a.eaf", text.replace("<ANNOTATION_VALUE></ANNOTATION_VALUE>", ""))
     imported = Elan().read(path, exchange())
     assert imported.labels.ranges == (row(1, 2, "bird"),)
-    assert imported.notes == (f"{path}: tier 'girl': 2 annotations without a value are left out.",)
+    assert imported.notes == (f"{path}: tier 'girl': left out: 2 annotations without a value.",)
 
 
 MANY = 2_000
@@ -307,7 +307,7 @@ def test_a_document_that_elan_saved_is_read(tier: str, frames: tuple[int, ...], 
 def test_annotations_without_a_value_that_elan_saved_are_counted() -> None:
     imported = Elan().read(ELAN_2_8, exchange(offset=8.0, renamed={"words-pos": "girl"}))
     assert imported.labels.ranges == ()
-    assert f"{ELAN_2_8}: tier 'words-pos': 2 annotations without a value are left out." in imported.notes
+    assert f"{ELAN_2_8}: tier 'words-pos': left out: 2 annotations without a value." in imported.notes
 
 
 TEXT_ROWS = (("girl", 30, 130, "bird"), ("camera", 0, 240, "pan"), ("girl", 130, 200, "none"), ("boy", 0, 40, "girl"))

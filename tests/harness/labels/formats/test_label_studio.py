@@ -87,7 +87,7 @@ def test_the_film_and_the_annotator_are_chosen(tmp_path: Path) -> None:
         _read(tmp_path, tasks, films={"talk.mp4": 0.0})
     imported = _read(tmp_path, tasks, film="talk.mp4", observation="8")
     assert imported.labels == Labels([row(1, 10, "cup")])
-    assert imported.notes == (f"{tmp_path / 'project-1.json'}: 1 tasks of other films are left out.",)
+    assert imported.notes == (f"{tmp_path / 'project-1.json'}: left out: 1 task of other films.",)
     with pytest.raises(VfoaError, match="--observation: no annotation '9'"):
         _read(tmp_path, tasks, film="talk.mp4", observation="9")
 
@@ -99,7 +99,7 @@ def test_a_task_of_cloud_storage_and_other_regions(tmp_path: Path) -> None:
     imported = _read(tmp_path, _task(*regions, film="/data/local-files/?d=films/talk.mp4"), films={"talk.mp4": 0.0})
     assert imported.labels == Labels([row(1, 10, "bird")])
     assert [note.partition(": ")[2] for note in imported.notes] == [
-        "2 regions that are not of a timeline or of sound are left out."
+        "left out: 2 regions not of a timeline or of sound."
     ]
 
 

@@ -51,7 +51,7 @@ def test_all_dialects_hold_the_same_labels(tmp_path: Path, text: str, encoding: 
     path.write_text(text, encoding=encoding)
     imported = Observer().read(path, exchange(TEN, modifier="1"))
     assert imported.labels == EXPECTED
-    assert [note.partition(": ")[2].split()[:2] for note in imported.notes] == [["2", "points"]]
+    assert [note.partition(": ")[2] for note in imported.notes] == ["left out: 2 points without a length."]
 
 
 def test_behaviours_are_the_targets_where_there_are_no_modifiers(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_fixations_of_smi_s_begaze_are_read(tmp_path: Path) -> None:
     assert [(row.first_frame, row.last_frame, row.label.target) for row in labels.ranges] == [
         (1, 1, "bird"), (2, 2, "ignore"), (3, 5, "none")
     ]  # fmt: skip
-    assert any("1 rows without a target" in note for note in notes)
+    assert any("1 row without a target" in note for note in notes)
     two = SMI + "b.avi\tgirl\t0.0\t99.8\tFixation\tbird\n"
     with pytest.raises(VfoaError, match=r"'a\.avi', 'b\.avi', several of one person"):
         _read(tmp_path, two, renamed={"White Space": "none"})
@@ -95,7 +95,7 @@ def test_rows_without_a_0_or_1_have_no_label(tmp_path: Path) -> None:
     assert [(row.first_frame, row.last_frame, row.label.target) for row in labels.ranges] == [
         (1, 1, "bird"), (2, 2, "ignore"), (3, 4, "none")
     ]  # fmt: skip
-    assert any("1 rows without a target" in note for note in notes)
+    assert any("1 row without a target" in note for note in notes)
     with pytest.raises(VfoaError, match=r"mine\.csv:3: found 1 for bird and cup"):
         _read(tmp_path, "frame,subject,bird,cup\n1,girl,1,0\n2,girl,1,1\n")
 
@@ -105,7 +105,7 @@ def test_of_rows_between_frames_each_frame_takes_the_nearest(tmp_path: Path) -> 
     rows = [f"girl,{'bird' if n % 5 == 0 else 'cup'},{0.02 * n:.2f}\n" for n in range(24)]
     labels, notes = _read(tmp_path, "subject,target,time_s\n" + "".join(rows) + "boy,girl,0.13\nboy,bird,0.07\n")
     assert labels == Labels([row(1, 5, "bird"), row(2, 2, "bird", "boy")])
-    assert any("19 rows lie between frames" in note for note in notes)
+    assert any("19 rows between frames" in note for note in notes)
     with pytest.raises(VfoaError, match=r"mine\.csv:3: 'girl' has two labels in frame 1"):
         _read(tmp_path, "subject,target,time_s\ngirl,bird,0\ngirl,cup,0\n")
 
@@ -286,7 +286,7 @@ def test_labels_that_are_cut_are_counted(tmp_path: Path) -> None:
     text = "subject,target,start_s,end_s\nboy,cup,-3,0.2\ngirl,bird,0,0.3\ngirl,cup,0.3,9.5\n"
     _, notes = _read(tmp_path, text)
     (note,) = [note for note in notes if "beyond the clip" in note]
-    assert re.search(r"2 labels .* by up to 9\.0 s .*mine\.csv:2\.$", note)
+    assert re.search(r"2 labels beyond the clip by up to 9\.0 s, .*mine\.csv:2\.$", note)
 
 
 def test_what_is_left_out_is_said(tmp_path: Path) -> None:
@@ -295,8 +295,8 @@ def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     assert labels == Labels([row(1, 1, "bird"), row(2, 2, "none"), row(3, 3, "cup")])
     columns, blank, filled, outside = notes
     assert "rater" in columns
-    assert "1 rows" in blank
-    assert "girl: 1 frames" in filled
+    assert "1 row without" in blank
+    assert "girl: 1 frame " in filled
     assert outside.endswith(f"the first at {tmp_path / 'mine.csv'}:5.")
 
 
@@ -320,6 +320,12 @@ def test_each_person_may_have_a_column(tmp_path: Path, text: str, blanks: int) -
     assert f"{blanks} rows" in blank
     with pytest.raises(VfoaError, match=r"mine\.csv:3: unknown target 'brid'"):
         _read(tmp_path, "frame,girl\n1,bird\n2,brid\n")
+
+
+def test_the_earlier_name_of_a_renamed_target_is_answered_with_its_name_now(tmp_path: Path) -> None:
+    text = "frame,girl\n1,bird\n2,eagle\n"
+    with pytest.raises(VfoaError, match=r"mine\.csv:3: unknown target 'eagle'; .*'bird' now.*--rename"):
+        _read(tmp_path, text, former={"eagle": "bird"})
 
 
 def test_the_only_person_of_a_clip_needs_no_column(tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ def test_fixations_have_the_times_of_their_own_table(tmp_path: Path, areas: str)
     labels, notes = _read(_export(tmp_path, areas=areas), renamed={MINE: "girl", "brown cup": "cup"})
     assert labels.subjects == ("girl",)
     assert _targets(labels, "girl") == EXPECTED
-    assert any("1 rows without a target" in note for note in notes)
+    assert any("1 row without a target" in note for note in notes)
 
 
 def test_without_a_common_clock_the_offset_says_when_the_clip_begins(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -200,7 +201,7 @@ def test_one_of_several_films_is_chosen(tmp_path: Path, name: str) -> None:
     assert _read(tmp_path / name, text, film="b.mp4").labels == bird
     chosen = _read(tmp_path / name, text, films={"b.mp4": 0.0})
     assert chosen.labels == bird
-    assert any("1 segments" in note for note in chosen.notes)
+    assert any("1 segment or region" in note for note in chosen.notes)
     for more in ({}, {"offset": 0.0}):
         with pytest.raises(VfoaError, match=r"a\.mp4, b\.mp4; expected --film NAME"):
             _read(tmp_path / name, text, **more)
@@ -214,8 +215,8 @@ def test_regions_and_times_without_an_end_are_counted(tmp_path: Path, name: str,
     imported = _read(tmp_path / name, FORMS[name](Annotated(entries=[*LOOKS.entries, *left_out])), gaps="none")
     assert imported.labels.of("girl") == (row(1, 2, "bird"), row(3, 6, "none"), row(7, 10, "cup"))
     found = tuple(
-        next((int(note.split()[1]) for note in imported.notes if what in note), 0)
-        for what in ("regions of images", "without a start and an end")
+        next((int(found[1]) for note in imported.notes if (found := re.search(rf"left out: (\d+) {what}", note))), 0)
+        for what in ("regions? of images", "segments? without a start and an end")
     )
     assert found == counts
 
