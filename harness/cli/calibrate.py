@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.cli.options import Replace
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def calibrate(
     layout: Annotated[str, typer.Option(metavar="LAYOUT", help=LAYOUT)] = "images",
     every: Annotated[int, typer.Option(metavar="N", min=1, help="Use every Nth frame of a video.")] = 1,
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write, .yml or .yaml.")] = Path("stereo.yml"),
-    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing calibration.")] = False,
+    replace: Replace = False,
 ) -> None:
     """Calibrate two cameras from pictures of a chessboard or a ChArUco board (--marker-mm).
 

@@ -111,9 +111,9 @@ def fetch_clips(
 ) -> None:
     """Download clips from their original sites. An interrupted download resumes.
 
-    ``sintel``: the official archives of MPI Sintel, unpacked. ``idiap_vfoa``: two files of idiap/vfoa, and its ground
-    truth as labels of the clip ``idiap_vfoa``. ``vr_objects``: 83 MB of jov2023-vr-objects, and the clips
-    ``kitchen_p09`` ... ``office_p19`` as tables of measurements with labels. ``opencv_stereo``: 13 pairs of a
+    sintel: the official archives of MPI Sintel, unpacked. idiap_vfoa: two files of idiap/vfoa, and its ground
+    truth as labels of the clip idiap_vfoa. vr_objects: 83 MB of jov2023-vr-objects, and the clips
+    kitchen_p09 ... office_p19 as tables of measurements with labels. opencv_stereo: 13 pairs of a
     calibration board, samples of OpenCV.
     """
     from harness.clips import fetch

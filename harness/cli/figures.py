@@ -16,27 +16,21 @@ def figures(
     out: Annotated[Path, typer.Option(metavar="DIRECTORY", help="Directory to write the files into.")],
     clip: Annotated[
         str | None,
-        typer.Option(
-            metavar="CLIP", help="Draw a failure of this clip in the figure failure.", autocompletion=clip_names
-        ),
+        typer.Option(metavar="CLIP", help="Figure failure: a wrong frame of this clip.", autocompletion=clip_names),
     ] = None,
     config: Annotated[
         str | None,
         typer.Option(
             metavar="CONFIGURATION",
-            help="Draw a failure of this configuration in the figure failure.",
+            help="Figure failure: a wrong frame under this configuration.",
             autocompletion=configuration_names,
         ),
     ] = None,
     subject: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME", help="Draw a failure of this person in the figure failure.", callback=composed_name
-        ),
+        typer.Option(metavar="NAME", help="Figure failure: a wrong frame of this person.", callback=composed_name),
     ] = None,
-    frame: Annotated[
-        int | None, typer.Option(metavar="FRAME", help="Draw the failure in this frame in the figure failure.")
-    ] = None,
+    frame: Annotated[int | None, typer.Option(metavar="FRAME", help="Figure failure: this frame.")] = None,
     replace: Replace = False,
 ) -> None:
     """Draw figures of runs for a paper: SVG and PDF, in the width of one column and of two. Needs vfoa[figures].

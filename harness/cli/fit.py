@@ -52,7 +52,7 @@ def fit(
 ) -> None:
     """Fit attention to labelled clips: the weights of a conditional logit over the targets and nowhere.
 
-    The fit is scored on clips, or parts of one clip, that were left out. Use it with ``vfoa run X --preset FILE``.
+    The fit is scored on clips, or parts of one clip, that were left out. Use it with `vfoa run CLIP --preset FILE`.
     """
     from harness.cli.terminal import frames_bar, print_reports
     from harness.files.io import atomic_write, check_new

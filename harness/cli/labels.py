@@ -152,7 +152,7 @@ def export(
         ),
     ],
     to: Annotated[
-        Path | None, typer.Argument(metavar="[FILE]", help="File to write. Default for a run: RUN/labels/CLIP__CONFIG.")
+        Path | None, typer.Argument(metavar="FILE", help="File to write. Default for a run: RUN/labels/CLIP__CONFIG.")
     ] = None,
     *,
     format_: Annotated[

@@ -53,7 +53,10 @@ def experiment_and_clip_names(incomplete: str) -> list[str]:
     """Experiments, clips and families of clips by name."""
     from harness.files.folders import names
 
-    return [*_matching(["paper_cases", *names("experiments")], incomplete), *clip_and_family_names(incomplete)]
+    return [
+        *_matching(["benchmark", "paper_cases", *names("experiments")], incomplete),
+        *clip_and_family_names(incomplete),
+    ]
 
 
 def experiment_names(incomplete: str) -> list[str]:
@@ -178,7 +181,7 @@ Run = Annotated[
 ]
 Runs = Annotated[
     list[str],
-    typer.Argument(metavar="RUN...", help="Directories of finished runs.", autocompletion=run_directories),
+    typer.Argument(metavar="RUN", help="Directories of finished runs.", autocompletion=run_directories),
 ]
 Recordings = Annotated[
     str, typer.Argument(metavar="RUN", help="Directory of a run, or one .rrd file.", autocompletion=run_directories)
@@ -227,7 +230,7 @@ Where = Annotated[
     list[str] | None,
     typer.Option(
         metavar="CONDITION",
-        help="Score only labelled frames that meet this, such as target=mug|book, subject!=ann, clip=talk, "
+        help="Only labelled frames that meet this, such as target=mug|book, subject!=ann, clip=talk, "
         "tag=occluded, note=shut (a word of the label's note), time>=2.5 (s), frame<100, from_change>0.3 (s, to the "
         "nearest change of the label), distance<3 (m, camera to eyes) or target_distance<1 (m, eyes to target). "
         "Several: all of them.",

@@ -52,7 +52,10 @@ def run(
     clips: Annotated[
         list[str] | None,
         typer.Option(
-            "--clip", metavar="CLIP", help="Run this clip instead of the experiment's own.", autocompletion=clip_names
+            "--clip",
+            metavar="CLIP",
+            help="Run this clip, not the experiment's own (several times for more).",
+            autocompletion=clip_names,
         ),
     ] = None,
     out: Out = None,
@@ -118,7 +121,8 @@ def run(
     from harness.report.experiment_run import run_whole
     from harness.report.write import rescore
 
-    experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
+    named, more = what or [_only_experiment()], ("benchmark", "paper_cases")
+    experiment = experiment_of(named, tuple(clips or ()), tuple(overrides or ()), preset, more=more)
     if annotator:
         experiment = replace(experiment, annotator=annotator, given=experiment.given | {"annotator"})
     store = None if no_cache else open_store(cache)
@@ -247,9 +251,14 @@ def _report_failures(directory: RunDirectory) -> None:
 
 
 def experiment_of(
-    what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None
+    what: list[str],
+    clips: tuple[str, ...],
+    overrides: tuple[str, ...],
+    preset: str | None,
+    *,
+    more: tuple[str, ...] = (),
 ) -> Experiment:
-    """The experiment: one by name or file, or the default one on the named clips."""
+    """The experiment: one by name or file, or the default one on the named clips; messages name ``more``, too."""
     from harness.clips.families import clip_files, families, is_pattern
     from harness.files.folders import names
     from harness.run.experiment import is_experiment, load_experiment
@@ -258,15 +267,13 @@ def experiment_of(
     if len(what) == 1 and is_experiment(what[0]):
         return load_experiment(what[0], clips=clips, overrides=overrides, preset=preset)
     if both := [name for name in what if is_experiment(name)]:
-        raise VfoaError(
-            f"run: expected one experiment, or clips; found {' '.join(what)} ({both[0]!r} is an experiment)"
-        )
+        raise VfoaError(f"expected one experiment, or clips; found {' '.join(what)} ({both[0]!r} is an experiment)")
     clips_known = {*clip_files(), *families()}
     for name in what:
         if not name.endswith(".toml") and name not in clips_known and not is_pattern(name):
-            hint = did_you_mean(name, ["benchmark", "paper_cases", *names("experiments"), *clips_known])
+            hint = did_you_mean(name, [*more, *names("experiments"), *clips_known])
             raise VfoaError(
-                f"run: no experiment or clip {name!r}; {hint}, or a .toml file; vfoa clips add PATH makes a clip"
+                f"no experiment or clip {name!r}; {hint}, or a .toml file; vfoa clips add PATH makes a clip"
             )
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default

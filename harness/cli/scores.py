@@ -13,7 +13,19 @@ from urllib.parse import quote, urlencode
 
 import typer
 
-from harness.cli.options import Json, NoOpen, Port, Run, Runs, Verbose, Where, conditions, run_directories, run_folder
+from harness.cli.options import (
+    Json,
+    NoOpen,
+    Port,
+    Replace,
+    Run,
+    Runs,
+    Verbose,
+    Where,
+    conditions,
+    run_directories,
+    run_folder,
+)
 from harness.cli.terminal import MOST_ROWS, first_rows, print_json, print_reports, say
 
 if TYPE_CHECKING:
@@ -75,7 +87,7 @@ def report(
     port: Port = 0,
     no_open: NoOpen = False,
     where: Where = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --page.")] = False,
+    replace: Replace = False,
 ) -> None:
     """Write a run's report page from its results and the present labels.
 
@@ -161,7 +173,7 @@ def compare(
     port: Port = 0,
     no_open: NoOpen = False,
     where: Where = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --page.")] = False,
+    replace: Replace = False,
     as_json: Json = False,
 ) -> None:
     """Rank the configurations of runs, and compare them on the same frames: difference, exact test, interval.

@@ -147,7 +147,7 @@ def _compared(
 def catalog(
     runs: Annotated[
         list[str],
-        typer.Argument(metavar="RUN...", help="Directories of runs with recordings.", autocompletion=run_directories),
+        typer.Argument(metavar="RUN", help="Directories of runs with recordings.", autocompletion=run_directories),
     ],
     port: Port = 0,
 ) -> None:
@@ -183,7 +183,7 @@ def export_failure(
         Path | None,
         typer.Option(metavar="RRD", help="File to write. Default: named after clip, configuration and frame."),
     ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --out.")] = False,
+    replace: Replace = False,
 ) -> None:
     """Write one frame and its neighbours as a small recording."""
     from harness.files.io import check_new

@@ -49,6 +49,8 @@ def test_the_packages_run_as_modules(module: str) -> None:
     ("arguments", "line"),
     [
         (("run", "demmo"), "no experiment or clip 'demmo'; did you mean 'demo'?"),
+        (("run", "bencmark"), "no experiment or clip 'bencmark'; did you mean 'benchmark'?"),
+        (("fit", "bencmark"), "no experiment or clip 'bencmark'; expected one of: bandage_2"),
         (("run", "studio_tabel"), "no experiment or clip 'studio_tabel'; did you mean 'studio_table'?"),
         (("run", "demo", "--clip", "studio_tabel"), "no clip 'studio_tabel'; did you mean 'studio_table'?"),
         (("run", "demo", "--set", "stereo.matcher=sgmb"), "no 'sgmb'; did you mean 'sgbm'?"),
