@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from harness.labels.labels import Label
 from harness.record.frame_reading import FrameContent
 from harness.report.figures import charts
-from harness.report.figures.files import WIDTHS_INCH, Figures, figures_of, write_figures
+from harness.report.figures.files import WIDTHS_INCH, Figures, Wanted, figures_of, write_figures
 from harness.report.figures.strip import WrongFrame, strip
 from harness.report.figures.style import OFF, RIGHT, canvas, saved, styled
 from harness.run.directory import RunDirectory
@@ -295,16 +295,14 @@ def test_a_failure_is_drawn_with_image_scene_and_curves(
     assert svg.read_text(encoding="utf-8").count("<image") >= 3  # the left image, the masks, the clouds
 
 
-def test_a_failure_has_the_present_names_of_targets(
-    recorded: Path, tmp_path: Path, no_pdf: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_failure_has_the_present_names_of_targets(recorded: Path, tmp_path: Path) -> None:
     for file in ("datasets/clip.toml", "annotations/clip.csv"):
         text = (tmp_path / file).read_text(encoding="utf-8").replace("red cup", "mug")
         changed = text.replace('[targets."mug"]', '[targets.mug]\nformerly = ["red cup"]')
         (tmp_path / file).write_text(changed, encoding="utf-8")
-    code, _, _ = vfoa(monkeypatch, capsys, "figures", str(recorded), "--out", str(tmp_path / "out"), "--frame", "14")
-    assert code == 0
-    texts = _texts((tmp_path / "out" / "failure_1col.svg").read_text(encoding="utf-8"))
+    with styled():
+        figure = figures_of([recorded], Wanted(frame=14)).drawn["failure"](3.5)
+        texts = _texts(saved(figure, "svg").decode())
     assert "mug" in texts
     assert "red cup" not in texts
 

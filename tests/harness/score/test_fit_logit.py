@@ -270,8 +270,8 @@ def test_what_comes_long_after_the_last_label_is_not_read_and_changes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("one",), 100, 2 * STEP_NS)  # each frame lasts 0.4 s
-    write_text(tmp_path / "annotations" / "one.csv", true_labels(60))
+    labelled_clips(tmp_path, ("one",), 40, 5 * STEP_NS)  # each frame lasts 1 s
+    write_text(tmp_path / "annotations" / "one.csv", true_labels(24))
     directory = _plain_run(tmp_path)
     parts, told = list[PairCase](), list[str]()
     read = harness.score.labelled_run.read_features
@@ -282,10 +282,10 @@ def test_what_comes_long_after_the_last_label_is_not_read_and_changes_nothing(
 
     monkeypatch.setattr("harness.score.labelled_run.read_features", noted)
     short = read_labelled(directory, bar=lambda total, what: contextlib.nullcontext(told.append))
-    assert len(told) == len(parts) * 100
-    assert {max(read(part, lambda clip: None).times_s) for part in parts} == {60 + 25}
+    assert len(told) == len(parts) * 40
+    assert {max(read(part, lambda clip: None).times_s) for part in parts} == {24 + 10}
     monkeypatch.setattr("harness.score.labelled_run.AFTER_S", 1000.0)
-    assert max(read(parts[0], lambda clip: None).times_s) == 100
+    assert max(read(parts[0], lambda clip: None).times_s) == 40
     assert fit_logit(read_labelled(directory)).attention == fit_logit(short).attention
 
 
@@ -315,7 +315,7 @@ def test_a_clip_is_fitted_under_changed_settings_and_the_command_it_prints_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    labelled_clips(tmp_path, ("one",), 140)
+    labelled_clips(tmp_path, ("one",), 28, 5 * STEP_NS)
     capsys.readouterr()
     changed = ("--set", "gaze_filter.max_missing=7")
     code, said, err = vfoa(monkeypatch, capsys, "fit", "one", "--even-if-worse", *changed)
@@ -348,7 +348,7 @@ def test_the_command_that_a_fit_prints_runs_and_uses_the_weights(
     """Of an experiment that is no file of the project's, and of methods that would replace the weights."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    labelled_clips(tmp_path, ("one",), 60)
+    labelled_clips(tmp_path, ("one",), 24)
     talk = Path("talk.toml").read_text(encoding="utf-8")
     write_text(tmp_path / "bayes.toml", talk.replace('"logit"', '"bayes"'))
     run_plainly(load_experiment("talk.toml"), Path("runs", "talk"), cache=None)
