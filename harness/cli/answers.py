@@ -40,7 +40,8 @@ def export(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="Folder of the tables. Default: RUN/exported/CONFIGURATION, for frames RUN/exported."
+            metavar="DIRECTORY",
+            help="Directory of the tables. Default: RUN/exported/CONFIGURATION, for frames RUN/exported.",
         ),
     ] = None,
     *,

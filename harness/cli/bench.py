@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Overrides, ProviderName, Replace, bench_sections, clip_names, experiment_names
+from harness.cli.options import Overrides, ProviderName, Replace, bench_sections, clip_names, experiment_and_clip_names
 
 ONLY_HELP = "Measure only this: stages, stereo, realtime, attention or gpu (several times for more)."
 
@@ -20,9 +20,9 @@ def bench(
     experiment: Annotated[
         str,
         typer.Argument(
-            metavar="EXPERIMENT",
-            help="Experiment whose configurations are measured.",
-            autocompletion=experiment_names,
+            metavar="EXPERIMENT | CLIP",
+            help="An experiment whose configurations are measured, or a clip: those of `vfoa run CLIP`.",
+            autocompletion=experiment_and_clip_names,
         ),
     ] = "demo",
     clip: Annotated[
@@ -46,24 +46,27 @@ def bench(
 ) -> None:
     """Measure the speed of stages, matchers, attention and networks, and the errors of matchers."""
     from harness.bench import OF_IMAGES, SECTIONS, Bench
+    from harness.cli.run import experiment_of
     from harness.cli.terminal import print_reports, say
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write, check_new
+    from harness.pipeline.weights import locate_weights
     from harness.report.formats import to_markdown
-    from harness.run.experiment import load_experiment
-    from harness.run.plan import host, versions
+    from harness.run.experiment import is_experiment
+    from harness.run.plan import fetch_command, host, versions
     from harness.sources import MeasuredClip
     from vfoa.errors import VfoaError, check_known
     from vfoa.onnx import check_provider
     from vfoa.removed import removed
 
-    for name in only or ():
-        if gone := removed(("bench",), name):
-            raise VfoaError(f"bench: --only: no {name!r}; {gone}")
-        check_known(name, SECTIONS, "bench: --only: no")
+    for section in only or ():
+        if gone := removed(("bench",), section):
+            raise VfoaError(f"bench: --only: no {section!r}; {gone}")
+        check_known(section, SECTIONS, "bench: --only: no")
     check_provider(provider)
     changes = tuple(overrides or ())
-    loaded = load_experiment(experiment, clips=(clip,) if clip else (), overrides=changes)
+    loaded = experiment_of([experiment], (clip,) if clip else (), changes, None)
+    name = experiment if is_experiment(experiment) else "default"
     manifest = load_manifest(loaded.clips[0])
     of_clip = (configuration.for_clip(manifest.name) for configuration in loaded.configurations)
     chosen = replace(loaded, configurations=tuple(configuration.on(provider) for configuration in of_clip))
@@ -73,14 +76,17 @@ def bench(
     frames = tuple(opened.frames[:limit])
     sections = only or list(SECTIONS)
     if isinstance(opened, MeasuredClip):
-        if wrong := [name for name in only or () if name in OF_IMAGES]:
+        if wrong := [section for section in only or () if section in OF_IMAGES]:
             raise VfoaError(
                 f"bench: --only: {wrong[0]}: {manifest.name} holds measurements; expected a clip with images"
             )
-        sections = [name for name in sections if name not in OF_IMAGES]
+        sections = [section for section in sections if section not in OF_IMAGES]
         say(f"{manifest.name} holds measurements: without {', '.join(OF_IMAGES)}, which are of images.")
+    if {*sections} - {"stereo", "realtime"}:  # which need no networks, or leave rows without them out
+        choices = [choice for configuration in chosen.configurations for choice in configuration.stages]
+        locate_weights(choices, fetch_command(manifest.name) if name == "default" else None)
     given = Bench(
-        name=experiment,
+        name=name,
         experiment=chosen,
         manifest=manifest,
         frames=frames,
@@ -88,8 +94,8 @@ def bench(
         overrides=changes,
     )
     tables = []
-    for name in sections:
-        of_section = SECTIONS[name](given)
+    for section in sections:
+        of_section = SECTIONS[section](given)
         print_reports(of_section)
         tables += of_section
     if out:

@@ -106,7 +106,7 @@ def fetch_clips(
         str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel, idiap_vfoa, vr_objects or opencv_stereo.")
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIRECTORY", help="Folder to fetch into. Default: $VFOA_DATA/SOURCE.")
+        Path | None, typer.Option(metavar="DIRECTORY", help="Directory to fetch into. Default: $VFOA_DATA/SOURCE.")
     ] = None,
 ) -> None:
     """Download clips from their original sites. An interrupted download resumes.

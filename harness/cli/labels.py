@@ -39,7 +39,7 @@ Annotators = Annotated[
 ]
 ClipOption = Annotated[
     str,
-    typer.Option("--clip", metavar="CLIP", help="The clip's name, or its .toml file.", autocompletion=clip_names),
+    typer.Option("--clip", metavar="CLIP", help="Clip by name, or its .toml file.", autocompletion=clip_names),
 ]
 Annotator = Annotated[
     str | None,
@@ -231,7 +231,8 @@ def agreement(
         ),
     ] = 0.0,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIRECTORY", help="Also write the tables to this folder: CSV, and one .md.")
+        Path | None,
+        typer.Option(metavar="DIRECTORY", help="Directory for the tables, too: CSV, and one .md."),
     ] = None,
     replace: Replace = False,
 ) -> None:

@@ -59,13 +59,6 @@ def experiment_and_clip_names(incomplete: str) -> list[str]:
     ]
 
 
-def experiment_names(incomplete: str) -> list[str]:
-    """Experiments by name."""
-    from harness.files.folders import names
-
-    return _matching(names("experiments"), incomplete)
-
-
 def clip_names_and_run_directories(incomplete: str) -> list[str]:
     """Clips by name, and runs."""
     return [*clip_names(incomplete), *run_directories(incomplete)]

@@ -41,8 +41,8 @@ def score(
         str | None,
         typer.Option(
             metavar="ANNOTATOR",
-            help="Score against CLIP@ANNOTATOR.csv; report, comparisons and figures of the run then are, too. Default: "
-            "the labels that the run names.",
+            help="Score against CLIP@ANNOTATOR.csv; report, comparisons and figures of the run then use it, too. "
+            "Default: the labels that the run names.",
         ),
     ] = None,
     where: Where = None,

@@ -172,6 +172,27 @@ def test_the_first_experiment_of_a_working_directory_is_measured(
     assert title in printed
 
 
+def test_a_clip_is_measured_as_vfoa_run_runs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured: list[Bench] = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("harness.bench.SECTIONS", {"stereo": lambda bench: measured.append(bench) or []})
+    assert vfoa(monkeypatch, capsys, "bench", "studio_table", "--only", "stereo")[0] == 0
+    assert [(bench.name, bench.manifest.name) for bench in measured] == [("default", "studio_table")]
+
+
+def test_missing_models_are_named_with_the_command_that_fetches_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VFOA_CACHE", str(tmp_path))
+    monkeypatch.delenv("VFOA_MODELS", raising=False)
+    code, _, said = vfoa(monkeypatch, capsys, "bench", "studio_table", "--only", "stages")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "vfoa models fetch --for studio_table" in said
+
+
 def _titled(name: str) -> Callable[[Bench], list[Table]]:
     return lambda bench: [Table(title=name, columns=("clip",), rows=((bench.manifest.name,),), words=1)]
 
