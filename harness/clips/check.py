@@ -26,7 +26,7 @@ from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
-from vfoa.types import Float, StereoFrame
+from vfoa.types import Float, Image, StereoFrame
 
 MAX_VERTICAL_ERROR_PX = 1.5
 """Median row difference of matched points above which block matching along rows fails."""
@@ -139,10 +139,10 @@ def _time_notes(manifest: ClipManifest, clip: Clip, changes: Float, most: int) -
     """A note if the right views are not of the time of the left ones, by the motion (2, N) in both, or by its rows."""
     by = right_offset(changes, min(most, changes.shape[1] // 2))
     if by is None and changes.shape[1] >= ROWS_FRAMES:
-        spans = [(span, rows) for span in _stretches(clip.frames) if (rows := _moving_rows(clip, span))]
-        if all(rows.agree for _, rows in spans):
+        spans = [(span, MovingRows(partial(_pair, clip, span))) for span in _stretches(clip.frames)]
+        if all(attempt(rows.agree)[0] is not False for _, rows in spans):  # None: a frame that cannot be read
             return
-        known = [(offset, span) for span, rows in spans if (offset := rows.offset()) is not None]
+        known = [(offset, span) for span, rows in spans if (offset := attempt(rows.offset)[0]) is not None]
         if len({offset for offset, _ in known}) > 1:
             parts = ", ".join(f"{_later(offset)} in frames {span[0]} to {span[-1]}" for offset, span in known)
             yield (
@@ -160,11 +160,12 @@ def _time_notes(manifest: ClipManifest, clip: Clip, changes: Float, most: int) -
         yield f"{seen}: are the stamps or numbers of both cameras of one clock?"
 
 
-def _moving_rows(clip: Clip, numbers: Sequence[int]) -> MovingRows | None:
-    """What moves in these frames; None if one of them cannot be read."""
-    frames = [attempt(partial(clip.frame, number))[0] for number in numbers]
-    pairs = [(frame.left, frame.right) for frame in frames if frame is not None and frame.right is not None]
-    return MovingRows(pairs) if len(pairs) == len(numbers) else None
+def _pair(clip: Clip, numbers: Sequence[int], place: int) -> tuple[Image, Image]:
+    """Both views of one of these frames."""
+    frame = clip.frame(numbers[place])
+    if frame.right is None:
+        raise VfoaError(f"frame {frame.index}: found no right view; expected one")
+    return frame.left, frame.right
 
 
 def _later(by: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 
 import cv2
@@ -220,14 +220,12 @@ class MovingRows:
     Motion that is as fast in each frame does not tell the two times apart by how much moves, but by where it is.
     """
 
-    def __init__(self, pairs: Sequence[tuple[Image, Image]]) -> None:
-        """``pairs`` are the left and right views of :data:`ROWS_FRAMES` frames."""
-        factor = _factor(pairs[0][0], _ROWS_SIDE_PX)
-        self._grays = [tuple(_shrunk_gray(view, factor) for view in pair) for pair in pairs]
+    def __init__(self, pair: Callable[[int], tuple[Image, Image]]) -> None:
+        """``pair`` reads the left and the right view of a frame, from 0 to below :data:`ROWS_FRAMES`, if needed."""
+        self._grays = cache(lambda place: _grays(pair(place), _ROWS_SIDE_PX))
         self._apart_px = cache(self._measured_px)
-        self._features = cache(lambda place, side: _features(self._grays[place][side], _ROWS_FEATURES))
+        self._features = cache(lambda place, side: _features(self._grays(place)[side], _ROWS_FEATURES))
 
-    @property
     def agree(self) -> bool:
         """Whether nothing speaks against the times as they are: most costs of :meth:`offset` are saved then."""
         apart_px = self._apart_px(0)
@@ -248,10 +246,15 @@ class MovingRows:
         """The row differences (N,) of points that move, in left views and the right ones so many frames later."""
         found = []
         for place in _LEFTS:
-            moved = _moved(self._grays[place - 1][0], self._grays[place + 1][0])
+            moved = _moved(self._grays(place - 1)[0], self._grays(place + 1)[0])
             points = _matched(self._features(place, 0), self._features(place + by, 1), moved)
             found.append(np.abs(points[:, 0, 1] - points[:, 1, 1]))
         return np.concatenate(found)
+
+
+def _grays(views: tuple[Image, Image], side_px: int) -> list[NDArray[np.uint8]]:
+    """Both views in gray, shrunk to at most this side."""
+    return [_shrunk_gray(view, _factor(view, side_px)) for view in views]
 
 
 def _moved(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> NDArray[np.bool_]:

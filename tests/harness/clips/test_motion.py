@@ -82,7 +82,8 @@ def _poster(seed: int, step: tuple[int, int], count: int = ROWS_FRAMES + 2) -> l
 
 
 def _rows(frames: Sequence[StereoFrame]) -> MovingRows:
-    return MovingRows([(frame.left, frame.right) for frame in frames[:ROWS_FRAMES] if frame.right is not None])
+    pairs = [(frame.left, frame.right) for frame in frames[:ROWS_FRAMES] if frame.right is not None]
+    return MovingRows(pairs.__getitem__)
 
 
 @pytest.mark.parametrize("late", [-2, 0, 1])  # -1 and 2: the real views below
@@ -90,13 +91,19 @@ def test_what_moves_as_fast_in_each_frame_is_told_by_its_rows(late: int) -> None
     frames = _frames(_poster(1, (2, 3)), late)[:ROWS_FRAMES]
     assert right_offset(motion(frames), 7) is None
     rows = _rows(frames)
-    assert (rows.agree, rows.offset()) == (late == 0, late)
+    assert (rows.agree(), rows.offset()) == (late == 0, late)
+
+
+def test_where_the_rows_agree_no_more_frames_are_read_than_that_takes() -> None:
+    pairs, read = _poster(1, (2, 3)), list[int]()
+    assert MovingRows(lambda place: (read.append(place), pairs[place])[1]).agree()
+    assert sorted(read) == [*range(3, 12)]
 
 
 def test_rows_tell_nothing_of_what_moves_sideways_or_not_at_all() -> None:
     for pairs in (_poster(2, (3, 0)), [_poster(3, (0, 0))[0]] * (ROWS_FRAMES + 2)):
         rows = _rows(_frames(pairs, 1))
-        assert (rows.agree, rows.offset()) == (True, None)
+        assert (rows.agree(), rows.offset()) == (True, None)
 
 
 @pytest.mark.parametrize("late", [-1, 0, 2])
@@ -110,7 +117,7 @@ def test_real_views_of_other_frames_are_told_by_their_rows(shared_data: Path, la
         for number in range(15, 15 + ROWS_FRAMES + 2)
     ]
     rows = _rows(_frames(pairs, late))
-    assert (rows.agree, rows.offset()) == (late == 0, late)
+    assert (rows.agree(), rows.offset()) == (late == 0, late)
 
 
 @pytest.mark.usefixtures("work_here")
