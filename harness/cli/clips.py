@@ -160,7 +160,7 @@ def _import_idiap(root: Path) -> None:
         return
     manifest = manifest.with_root(root)
     imported = import_labels(root / LABELS.name, "idiap_vfoa", open_exchange(manifest), manifest, replace=False)
-    say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
+    say(f"{place}: {counted(len(imported.labels.ranges), 'range')} of {', '.join(imported.labels.subjects)}")
 
 
 def _convert_vr_objects(root: Path) -> None:

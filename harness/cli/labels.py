@@ -21,6 +21,7 @@ from harness.cli.options import (
     written_formats,
 )
 from harness.cli.terminal import say
+from vfoa.errors import VfoaError, counted
 
 if TYPE_CHECKING:
     from harness.clips.manifest import ClipManifest
@@ -136,7 +137,7 @@ def import_(
     for note in imported.notes:
         say(f"- {note}", err=True)
     if imported.labels.ranges:
-        say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
+        say(f"{place}: {counted(len(imported.labels.ranges), 'range')} of {', '.join(imported.labels.subjects)}")
     if imported.drawn.tracks:
         say(f"{manifest.annotations.place_drawn()}: {imported.drawn.counts}")
 
@@ -175,7 +176,6 @@ def export(
     from harness.annotate.convert import export_labels, export_predictions, open_exchange
     from harness.clips.manifest import load_manifest
     from harness.run.directory import RunDirectory
-    from vfoa.errors import VfoaError
 
     folder = run_folder(source)
     if RunDirectory(folder).manifest.is_file():
@@ -212,8 +212,8 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
     for name in (annotator,) if annotator else (None, *manifest.annotations.annotators()):
         labels = manifest.labels(timeline, name)
         if labels is not None:
-            counts = ", ".join(f"{subject} {len(labels.of(subject))}" for subject in labels.subjects) or "no ranges"
-            say(f"{manifest.annotations.place(name)}: {counts}")
+            counts = [f"{counted(len(labels.of(subject)), 'range')} of {subject}" for subject in labels.subjects]
+            say(f"{manifest.annotations.place(name)}: {', '.join(counts) or 'no ranges'}")
     if drawn is not None:
         say(f"{manifest.annotations.place_drawn()}: {drawn.counts}")
 
@@ -269,7 +269,6 @@ def undo(
     from harness.annotate.history import History
     from harness.clips.manifest import load_manifest
     from harness.labels.labels import timeline_of
-    from vfoa.errors import VfoaError
 
     manifest = load_manifest(clip)
     path = manifest.annotations.expect(annotator)
@@ -284,7 +283,6 @@ def undo(
 def _labels_by_annotator(manifest: ClipManifest, clip: AnyClip, annotators: list[str]) -> dict[str, Labels]:
     """The labels of the named annotators (the clip's own name means CLIP.csv), or of all annotators of the clip."""
     from harness.labels.labels import timeline_of
-    from vfoa.errors import VfoaError
 
     names = annotators or list(manifest.annotations.annotators())
     if not annotators and len(names) < 2 and manifest.annotations.find() is not None:
@@ -299,7 +297,6 @@ def _labels_by_annotator(manifest: ClipManifest, clip: AnyClip, annotators: list
 
 
 def _pair(text: str) -> tuple[str, str]:
-    from vfoa.errors import VfoaError
 
     theirs, equals, ours = text.rpartition("=")
     if not (equals and theirs):

@@ -388,7 +388,10 @@ def locate_weights(
         models = (
             f"{name} ({entry.licence}, {entry.size or 'size not known'})" for name, entry in missing.models.items()
         )
-        here = f"; or what is here already: {' '.join(missing.alternatives)}" if missing.alternatives else ""
+        ready = [stage for stage in missing.instead if stage]
+        licences = sorted({licence for stage in ready for licence in stage.licences})
+        of_ready = f" ({', '.join(licences)})" if licences else ""
+        here = f"; or what is here already{of_ready}: {' '.join(stage.options for stage in ready)}" if ready else ""
         folders = " and ".join(map(str, directories()))
         raise VfoaError(f"weights missing in {folders}: {', '.join(models)}; expected: {fetch or missing.fetch}{here}")
     named_by = {file: choice for choice in reversed(choices) for file in weights_of(choice.settings)}

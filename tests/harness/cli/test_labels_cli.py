@@ -47,6 +47,15 @@ def test_labels_go_out_and_come_back(
     assert (labels / f"{CLIP}@cat.csv").read_bytes() == (labels / f"{CLIP}.csv").read_bytes()
 
 
+def test_a_check_counts_the_ranges_of_each_subject(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = folder / "annotations" / f"{CLIP}@cat.csv"
+    write_text(path, "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,2,anna,none,\n")
+    said = vfoa(monkeypatch, capsys, "labels", "check", CLIP, "--annotator", "cat")
+    assert said == (0, f"{path}: 1 range of anna\n", "")
+
+
 def test_an_existing_file_is_not_written_over(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -127,7 +136,7 @@ def test_shapes_of_another_program_are_drawn_on_the_clip(
     words = ("labels", "import", str(written(10, size, looks_at="bear")), "--clip", CLIP, "--format", "cvat")
     words = (*words, "--annotator", "new")
     code, out, _ = vfoa(monkeypatch, capsys, *words)
-    assert (code, out) == (0, f"{own}: 1 ranges of anna\n{drawn}: anna (box) 3\n")
+    assert (code, out) == (0, f"{own}: 1 range of anna\n{drawn}: anna (box) 3\n")
     first = drawn.read_text()
     assert first.splitlines()[2:] == [f"{at},anna,box,9.5,4.5,29.5,29.5," for at in (1, 2, 3)]
     assert own.read_text().splitlines()[2:] == ["1,3,anna,bear,"]
