@@ -94,7 +94,6 @@ DOORS = {
         "harness/studio/store.py",
     ),
     "pyarrow": (
-        "harness/files/arrow.py",
         "harness/record/",
         "harness/run/table_files.py",
         "harness/run/tables.py",

@@ -20,7 +20,6 @@ import rerun as rr
 import rerun_bindings
 from rerun.chunk import Chunk, RrdReader
 
-from harness.files.arrow import leave_pandas_out
 from harness.record import entities
 from harness.record.frame_log import FrameLog
 from harness.record.layers import ClipFiles, RecordingIds
@@ -28,8 +27,6 @@ from harness.record.layers import ClipFiles, RecordingIds
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-
-leave_pandas_out()
 
 SENT_EVERY = 600
 """Most frames between flushes, which write all waiting rows: larger chunks take less room in the file."""

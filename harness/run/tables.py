@@ -17,7 +17,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.files.arrow import leave_pandas_out
 from vfoa.types import DirectionFit
 
 if TYPE_CHECKING:
@@ -174,7 +173,6 @@ LENGTHS = {"vec3": 3, "vec4": 4, "vec9": 9}
 @cache
 def schema_of(table: str) -> pa.Schema:
     """The schema of a table's file."""
-    leave_pandas_out()
     import pyarrow as pa
 
     integers = pa.list_(pa.field("element", pa.int32(), nullable=False))
