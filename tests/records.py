@@ -91,18 +91,21 @@ def answers(
     """Frames 1, 2, ... in which the subject looks at these targets; ``none``: at nothing, None: is not there."""
     things = sorted({name for name in names if name not in (None, "none")})
     targets = [target_record(each, str(name)) for each, name in enumerate(things, start=1)]
-    records = []
-    for frame, name in enumerate(names, start=1):
+    found: dict[str | None, list[SubjectRecord]] = {None: []}
+    for name in {*names} - {None}:
         focus = things.index(name) + 1 if name in things else None
-        found = [] if name is None else [subject_record(subject, totals={focus: 0.5} if focus else {}, focus=focus)]
-        records.append(frame_record(targets, found, frame=frame, clip=clip, configuration=configuration))
-    return records
+        found[name] = [subject_record(subject, totals={focus: 0.5} if focus else {}, focus=focus)]
+    return [
+        frame_record(targets, found[name], frame=frame, clip=clip, configuration=configuration)
+        for frame, name in enumerate(names, start=1)
+    ]
 
 
 def labels(*targets: str, subject: str = "girl") -> Labels:
     """Labels of frames 1, 2, ..."""
+    label = {target: Label(target=target) for target in {*targets}}
     return Labels(
-        LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=Label(target=target))
+        LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=label[target])
         for frame, target in enumerate(targets, start=1)
     )
 
