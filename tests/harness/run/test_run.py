@@ -229,7 +229,10 @@ def test_a_frame_that_cannot_be_read_leaves_no_table(
             plan, tmp_path / "out", workers=workers, progress=lambda clip: None, cache=Store(tmp_path / "c", 10**9)
         )
     assert "\n" not in str(caught.value)
-    left = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert left == [".lock", "inputs.noted", "manifest.json", "partial"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_that_is_not_finished_is_not_scored(tmp_path: Path) -> None:
+    write_manifest(RunDirectory(tmp_path), {"experiment": "mine", "configurations": {"only": {}}})
     with pytest.raises(VfoaError, match="this run is not finished"):
-        rescore(RunDirectory(tmp_path / "out"))
+        rescore(RunDirectory(tmp_path))

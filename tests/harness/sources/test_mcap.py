@@ -359,7 +359,7 @@ def test_a_binned_calibration_is_refused(tmp_path: Path) -> None:
         for side, camera in (("left", LEFT), ("right", RIGHT)):
             record.camera(f"/{side}/camera_info", stamp(1), camera, binning=2)
             record.picture(f"/{side}/image", stamp(1), picture(1))
-    with pytest.raises(VfoaError, match=r"/left/camera_info: binning \(2, 2\)"):
+    with pytest.raises(VfoaError, match=r"/left/camera_info: .*binning 2, 2"):
         open_clip(tmp_path / "a.mcap").frame(1)
 
 
