@@ -131,8 +131,7 @@ def one_line_errors() -> Iterator[None]:
         if type(error).__name__ == "NoArgsIsHelpError":
             error.show()
             raise SystemExit(error.exit_code) from None
-        context = getattr(error, "ctx", None)
-        named = context.command_path.removeprefix("vfoa").strip() if context else ""
+        named = _command_of(sys.argv[1:])
         advice = f"vfoa {named} -h".replace("  ", " ")
         _refuse(f"{named}{': ' if named else ''}{_wrong(error)}; see `{advice}`")
     except typer.Abort:
@@ -153,6 +152,16 @@ def one_line_errors() -> Iterator[None]:
         _refuse(f"not enough memory to load a library: {error}")
     except MemoryError as error:
         _refuse(f"not enough memory: {str(error) or 'none left'}")
+
+
+def _command_of(words: list[str]) -> str:
+    """The words of a command line that name a command; errors of Click's parser have no context that says it."""
+    command, named = commands(), []
+    for word in words:
+        if (command := getattr(command, "commands", {}).get(word)) is None:
+            break
+        named.append(word)
+    return " ".join(named)
 
 
 def _wrong(error: Any) -> str:

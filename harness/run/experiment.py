@@ -87,11 +87,11 @@ def preset_tables(name: str | None, where: str) -> Tables:
         try:
             weights = read_fitted(Path(name)).attention.model_dump()["weights"]
         except VfoaError as error:
-            raise VfoaError(f"{where}: preset: {error}") from None
+            raise VfoaError(f"{where}: {error}") from None
         return {"attention": {"method": "logit", "weights": weights}}
     if not isinstance(name, str) or name not in PRESETS:
         problem = removed(("preset",), name) or did_you_mean(str(name), PRESETS)
-        raise VfoaError(f"{where}: preset: no {name!r}; {problem}")
+        raise VfoaError(f"{where}: no {name!r}; {problem}")
     return PRESETS[name]
 
 
@@ -231,8 +231,10 @@ class _Layers:
     def of(cls, variant: Variant, file: _File, given: str | None, where: str) -> _Layers:
         """The layers of a variant; ``given`` is a preset instead of the file's, or a file of weights beside it."""
         fitted = given if given is not None and given.endswith(".toml") else None
-        preset = (None if fitted else given) or variant.preset or file.preset
-        bundle = merged(preset_tables(preset, where), preset_tables(fitted, where))
+        own = None if fitted else given
+        preset = own or variant.preset or file.preset
+        of_file = preset_tables(preset, "preset" if own else f"{where}: preset")
+        bundle = merged(of_file, preset_tables(fitted, "preset"))
         return cls(variant=variant, defaults=file.defaults, preset=preset, bundle=bundle, where=where)
 
     def tables(self, changes: Sequence[_Change] = ()) -> Tables:

@@ -64,6 +64,8 @@ def test_the_packages_run_as_modules(module: str) -> None:
             ("run", "studio_table", "--set", "stereo.matcher=hitnet", "--set", "stereo.wls=true"),
             'stereo.wls\'; it is a setting of stereo.matcher = "bm" or stereo.matcher = "sgbm"',
         ),
+        (("run", "demo", "--preset", "nope"), "vfoa: preset: no 'nope'; did you mean 'none'?"),
+        (("run", "demo", "--preset", "nope.toml"), "vfoa: preset: nope.toml: no such file"),
         (("run", "demo", "--set", "attention"), "--set attention: expected KEY=VALUE"),
         (("run", "nowhere/mine.toml"), "nowhere/mine.toml: no such file"),
         (("score", "nowhere"), "nowhere: expected a run's directory, found nothing there"),
@@ -301,6 +303,7 @@ def test_the_doctor_offers_cuda_where_there_is_a_gpu(
     [
         (["run", "--nope"], "vfoa: run: No such option: --nope"),
         (["nope"], "vfoa: No such command 'nope'; see `vfoa -h`"),
+        (["clips", "export", "--limit"], "vfoa: clips export: Option '--limit' requires an argument"),
     ],
 )
 def test_a_wrong_command_line_is_one_line(words, said, monkeypatch, capsys):
