@@ -244,6 +244,8 @@ class MovingRows:
 
     def _measured_px(self, by: int) -> Float:
         """The row differences (N,) of points that move, in left views and the right ones so many frames later."""
+        for place in range(_LEFTS[0] + min(by, -1), _LEFTS[-1] + max(by, 1) + 1):
+            self._grays(place)  # in their order: to go back in a film takes as long as all pictures from a key frame on
         found = []
         for place in _LEFTS:
             moved = _moved(self._grays(place - 1)[0], self._grays(place + 1)[0])
