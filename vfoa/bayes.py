@@ -27,7 +27,7 @@ from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered, smoothed, update
 from vfoa.posterior.grid import Error
 from vfoa.recent import Recent
-from vfoa.times import seconds_between
+from vfoa.times import Gap, seconds_between
 from vfoa.types import Attention, DirectionFit, Float, FrameResult, NoAttention, Scene, Subject, Target
 from vfoa.visible import RAYS, visible_targets
 
@@ -71,13 +71,13 @@ class BayesSettings(MethodSettings):
 class Sights(NamedTuple):
     """The targets of a frame, then those of the last frames that it misses; and the known eye origins (3,) of people.
 
-    ``missed`` are the frames since each was seen, by instance id, in the order of the targets; ``time_ns`` is the time
+    ``missed`` is how long each was not seen, by instance id, in the order of the targets; ``time_ns`` is the time
     of the frame, nanoseconds (None: unknown).
     """
 
     targets: tuple[Target, ...] = ()
     eyes: Mapping[int, Float] = {}
-    missed: Mapping[int, float] = {}
+    missed: Mapping[int, Gap] = {}
     time_ns: int | None = None
 
     def then(

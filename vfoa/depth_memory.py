@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from vfoa.instance_tracking import PATIENCE
-from vfoa.times import frames_within, seconds_between
+from vfoa.times import NO_GAP, Gap, seconds_between
 from vfoa.types import Float, Percepts, Person, StereoRig, Target
 
 _Measured = TypeVar("_Measured")
@@ -22,11 +22,11 @@ _Measured = TypeVar("_Measured")
 
 @dataclass(frozen=True, slots=True)
 class _Last(Generic[_Measured]):
-    """What was measured last: in the frame of this number, ``age`` frames ago (:func:`vfoa.times.frames_within`)."""
+    """What was measured last, in the frame of this number, and how long ago."""
 
     measured: _Measured
     frame: int
-    age: float = 0.0
+    gap: Gap = NO_GAP
 
 
 class _LastMeasured(Generic[_Measured]):
@@ -38,12 +38,11 @@ class _LastMeasured(Generic[_Measured]):
 
     def step(self, frame: Percepts, measured: Mapping[int, _Measured]) -> Mapping[int, _Last[_Measured]]:
         """Return what was last measured within ``PATIENCE`` frames of those who are not measured in this one."""
-        passed, self._time_ns = frames_within(seconds_between(self._time_ns, frame.time_ns)), frame.time_ns
-        held = {
-            id_: replace(last, age=last.age + passed)
-            for id_, last in self._last.items()
-            if id_ not in measured and last.age < PATIENCE
+        passed_s, self._time_ns = seconds_between(self._time_ns, frame.time_ns), frame.time_ns
+        aged = {
+            id_: replace(last, gap=last.gap.longer(passed_s)) for id_, last in self._last.items() if id_ not in measured
         }
+        held = {id_: last for id_, last in aged.items() if last.gap.is_within(PATIENCE)}
         self._last = held | {id_: _Last(each, frame.index) for id_, each in measured.items()}
         return held
 
@@ -51,8 +50,9 @@ class _LastMeasured(Generic[_Measured]):
 class DepthMemory:
     """The last measured target of each instance of one sequence, frame by frame.
 
-    Instances must keep their numbers (:class:`vfoa.instance_tracking.InstanceTracker`). After ``PATIENCE`` frames of at
-    least 40 ms without a depth, also frames that miss the object, it has no box. ``depth_from`` says whose depth it is.
+    Instances must keep their numbers (:class:`vfoa.instance_tracking.InstanceTracker`). After ``PATIENCE`` frames
+    (:meth:`vfoa.times.Gap.is_within`) without a depth, also frames that miss the object, it has no box. ``depth_from``
+    says whose depth it is.
     """
 
     def __init__(self) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfoa.pixels import relabel
-from vfoa.times import frames_within, seconds_between
+from vfoa.times import NO_GAP, Gap, seconds_between
 from vfoa.types import HeadView, Instance, Instances, Percepts
 
 SAME_OBJECT = 0.3
@@ -35,8 +35,8 @@ VOTE_DECAY = 0.9
 MAJORITY = 2
 """Another label is taken over when it has so many times the votes of the present one: after up to eleven frames."""
 PATIENCE = 5
-"""Longest gap of an object, in segmented frames: after it, its number is free. Frames less than 40 ms apart are parts
-of one (:func:`vfoa.times.frames_within`): at 100 per second, the gap is 20 frames, 0.2 s."""
+"""Longest gap of an object, in segmented frames: after it, its number is free. At 100 frames per second it is 0.2 s, as
+at 25 (:meth:`vfoa.times.Gap.is_within`)."""
 LONGER_SIDE = 480
 """Masks are compared at every nth pixel, so that the longer side of the image has about as many."""
 
@@ -52,7 +52,7 @@ class _Known:
     name: str | None
     kinds: Mapping[str, Instance]
     votes: Mapping[str, float]
-    missed: float = 0.0
+    missed: Gap = NO_GAP
 
     @property
     def kind(self) -> Instance:
@@ -111,10 +111,10 @@ class InstanceTracker:
                 free.remove(number)
         numbers |= _new_numbers(followed.keys() - numbers.keys(), {*known, *numbers.values()})
         seen = {numbers[id_]: each for id_, each in followed.items()}
-        is_segmented, passed = instances.carried_from is None, 0.0
-        if is_segmented:
-            passed, self._segmented_ns = frames_within(seconds_between(self._segmented_ns, time_ns)), time_ns
-        self._remember(known, seen, relabel(ids, numbers), is_segmented=is_segmented, passed=passed)
+        passed_s = None
+        if instances.carried_from is None:
+            passed_s, self._segmented_ns = seconds_between(self._segmented_ns, time_ns), time_ns
+        self._remember(known, seen, relabel(ids, numbers), passed_s)
         return Numbered(_instances(instances, numbers, {number: self._known[number].kind for number in seen}), numbers)
 
     def _remember(
@@ -122,16 +122,16 @@ class InstanceTracker:
         known: Mapping[int, _Known],
         seen: Mapping[int, Instance],
         numbers: NDArray[np.uint16],
-        *,
-        is_segmented: bool,
-        passed: float,
+        passed_s: float | None,
     ) -> None:
-        missed = {
-            number: replace(each, missed=each.missed + passed) for number, each in known.items() if number not in seen
-        }
-        gone = {number: each for number, each in missed.items() if each.missed <= PATIENCE}
+        """``passed_s`` is the time since the last segmented frame, seconds; None in a frame that is not segmented."""
+        missed = {number: each for number, each in known.items() if number not in seen}
+        if passed_s is not None:
+            missed = {number: replace(each, missed=each.missed.longer(passed_s)) for number, each in missed.items()}
+        gone = {number: each for number, each in missed.items() if each.missed.is_within(PATIENCE)}
         self._known = gone | {
-            number: _seen_again(known.get(number), each, is_segmented=is_segmented) for number, each in seen.items()
+            number: _seen_again(known.get(number), each, is_segmented=passed_s is not None)
+            for number, each in seen.items()
         }
         self._missed = {
             number: self._missed[number] if number in self._missed else np.flatnonzero(self._last == number)
@@ -145,7 +145,7 @@ def _seen_again(before: _Known | None, now: Instance, *, is_segmented: bool) -> 
     if before is None or now.name or before.name:
         return _Known(now.label, now.name, {now.label: now}, {now.label: now.score})
     if not is_segmented:
-        return replace(before, missed=0.0)
+        return replace(before, missed=NO_GAP)
     votes = {label: VOTE_DECAY * vote for label, vote in before.votes.items()}
     votes[now.label] = votes.get(now.label, 0.0) + now.score
     wins = votes[now.label] > MAJORITY * votes[before.label]
@@ -156,7 +156,7 @@ def _pairs(
     known: Mapping[int, _Known],
     found: Mapping[int, Instance],
     overlaps: Mapping[tuple[int, int], float],
-) -> Iterator[tuple[int, float, float, int, int]]:
+) -> Iterator[tuple[int, int, float, int, int]]:
     """The objects that instances may be, the likeliest first when sorted: (kind, missed, less overlap, number, id)."""
     labels_known = Counter(each.label for each in known.values())
     labels_found = Counter(each.label for each in found.values())
@@ -167,14 +167,14 @@ def _pairs(
             overlap = overlaps.get((number, id_), 0.0)
             if before.label != now.label:
                 if overlap >= SAME_UNDER_ANOTHER_LABEL and not (before.name or now.name):
-                    yield 2, before.missed, -overlap, number, id_
+                    yield 2, before.missed.frames, -overlap, number, id_
                 continue
             if before.name and before.name == now.name:
-                yield 0, before.missed, -overlap, number, id_
+                yield 0, before.missed.frames, -overlap, number, id_
             elif overlap >= SAME_OBJECT:
-                yield 1, before.missed, -overlap, number, id_
+                yield 1, before.missed.frames, -overlap, number, id_
             elif labels_known[now.label] == labels_found[now.label] == 1:
-                yield 3, before.missed, -overlap, number, id_
+                yield 3, before.missed.frames, -overlap, number, id_
 
 
 def _overlaps(last: NDArray[np.uint16], ids: NDArray[np.uint16]) -> dict[tuple[int, int], float]:

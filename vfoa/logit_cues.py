@@ -30,6 +30,7 @@ import numpy as np
 
 from vfoa.geometry import NEAREST_M, left_from_crop, length_of, lowered, outlines, stacked
 from vfoa.methods import boxes_of_others, frames_missed
+from vfoa.times import Gap
 from vfoa.types import Box3D, DirectionFit, Float, Subject, Target
 from vfoa.visible import FACE_RADIUS_M
 
@@ -66,11 +67,11 @@ ROWS: Mapping[Case, tuple[int, ...]] = {"both": (0, 1, 2, 3, 4, 5), "gaze": (0, 
 class Means:
     """The running means of one track: a sum of the heads (3,), and sums and weights (2, C, T) of f.
 
-    ``missed`` are the frames since each target was seen, by instance id, in the order of the columns.
+    ``missed`` is how long each target was not seen, by instance id, in the order of the columns.
     """
 
     time_ns: int | None = None
-    missed: Mapping[int, float] = field(default_factory=dict)
+    missed: Mapping[int, Gap] = field(default_factory=dict)
     head: Float = field(default_factory=lambda: np.zeros(3))
     sums: Float = field(default_factory=lambda: np.zeros((2, len(LOGIT_CUES), 0)))
 
@@ -236,11 +237,11 @@ def _decay(gap_s: float) -> Float:
 
 
 def _continued(
-    missed: Mapping[int, float], sums: Float, ids: tuple[int, ...], now: Float, dt_s: float
-) -> tuple[Mapping[int, float], Float]:
+    missed: Mapping[int, Gap], sums: Float, ids: tuple[int, ...], now: Float, dt_s: float
+) -> tuple[Mapping[int, Gap], Float]:
     """The sums and weights (2, C, T') with the values (C, T) of the next frame's targets; unknown ones do not count.
 
-    ``missed`` has the frames since the target of each column was seen, ``dt_s`` is the time to the next frame. The
+    ``missed`` is how long the target of each column was not seen, ``dt_s`` is the time to the next frame. The
     frame's targets come first in the result.
     """
     after = frames_missed(missed, ids, dt_s)

@@ -9,7 +9,7 @@ from typing import Any, Protocol, Self, TypeVar
 from vfoa.instance_tracking import PATIENCE
 from vfoa.registry import Registry
 from vfoa.settings import Settings
-from vfoa.times import frames_within
+from vfoa.times import NO_GAP, Gap
 from vfoa.types import Attention, Box3D, FrameResult, Scene, Subject, Target, TargetAttention
 
 State = TypeVar("State")
@@ -113,16 +113,15 @@ def open_method(settings: MethodSettings) -> AttentionMethod[Any]:
     return method
 
 
-def frames_missed(before: Mapping[int, float], seen: Iterable[int], dt_s: float) -> dict[int, float]:
-    """Return the frames since each target was seen, by instance id: of those seen now, then of those missed so far.
+def frames_missed(before: Mapping[int, Gap], seen: Iterable[int], dt_s: float) -> dict[int, Gap]:
+    """Return how long each target was not seen, by instance id: of those seen now, then of those missed so far.
 
-    ``dt_s`` is the time since the last frame, of which a short one is a part (:func:`vfoa.times.frames_within`). A
-    target is remembered for ``PATIENCE`` frames, in which it keeps its number.
+    ``dt_s`` is the time since the last frame. A target is remembered for ``PATIENCE`` frames
+    (:meth:`vfoa.times.Gap.is_within`), in which it keeps its number.
     """
-    now, passed = dict.fromkeys(seen, 0.0), frames_within(dt_s)
-    return now | {
-        number: missed + passed for number, missed in before.items() if number not in now and missed < PATIENCE
-    }
+    now = dict.fromkeys(seen, NO_GAP)
+    missed = {number: gap.longer(dt_s) for number, gap in before.items() if number not in now}
+    return now | {number: gap for number, gap in missed.items() if gap.is_within(PATIENCE)}
 
 
 def look_ahead_s(method: AttentionMethod[Any]) -> float:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import operator
+from typing import NamedTuple
 
 from vfoa.errors import VfoaError
 
 FRAME_S = 0.04
 """Time between frames that have no times, or times that do not increase, seconds."""
+_JITTER_S = 0.001
 MIN_STEP_NS = 100_000
 """Frames that are nearer than this have times in another unit: no camera or tracker takes 10,000 frames per second."""
 
@@ -43,9 +45,23 @@ def seconds_between(before_ns: int | None, now_ns: int | None) -> float:
     return (now_ns - before_ns) / 1e9
 
 
-def frames_within(dt_s: float) -> float:
-    """Return how many frames the time between two frames is worth: 1, or less if it is shorter than :data:`FRAME_S`.
+class Gap(NamedTuple):
+    """How long something has not been seen: in frames, and in seconds."""
 
-    What is remembered for some frames thus lasts as long at 100 frames per second as at 25.
-    """
-    return min(1.0, dt_s / FRAME_S)
+    frames: int = 0
+    seconds: float = 0.0
+
+    def longer(self, dt_s: float) -> Gap:
+        """Return the gap with one frame more, ``dt_s`` after the last one."""
+        return Gap(self.frames + 1, self.seconds + dt_s)
+
+    def is_within(self, frames: int) -> bool:
+        """Whether it has no more than these frames, or at more than 25 per second no more than their time.
+
+        What is remembered for some frames thus lasts as long at 100 frames per second as at 25.
+        """
+        return self.frames <= frames or self.seconds <= frames * FRAME_S + _JITTER_S
+
+
+NO_GAP = Gap()
+"""Of what is seen now."""

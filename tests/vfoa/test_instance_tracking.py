@@ -172,6 +172,16 @@ def test_a_fast_camera_may_miss_an_object_for_as_long_as_one_of_25_frames_a_seco
         assert (last.numbers[7] == 2) == is_same
 
 
+def test_a_few_short_intervals_do_not_lengthen_the_gap() -> None:
+    """Of a tracker of 10 frames a second whose clock stutters."""
+    times_ms, there, gone = [0, 100, 111, 200, 300, 400, 411, 500], frame({2: (50, 20)}), frame({})
+    for gap, is_same in ((PATIENCE, True), (PATIENCE + 1, False)):
+        tracker = InstanceTracker()
+        for each, time_ms in zip([there, *[gone] * gap, frame({7: (50, 20)})], times_ms, strict=False):
+            last = tracker.step(each, time_ms * 1_000_000)
+        assert (last.numbers[7] == 2) == is_same
+
+
 def test_an_object_that_is_missed_takes_no_other_that_comes_to_its_place() -> None:
     """One of two cups is pushed past the other, which is missed."""
     frames = [frame({1: (50, 20), 2: (80, 20)}), *[frame({9: (80 - 6 * step, 20)}) for step in range(1, PATIENCE + 5)]]
