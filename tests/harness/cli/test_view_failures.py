@@ -217,4 +217,4 @@ def test_a_run_without_labels_has_no_failures_because_nothing_is_scored(step_thr
 def test_failures_without_a_recording_are_counted_and_left_out(step_through, tmp_path, capsys):
     (tmp_path / "b__two.rrd").unlink()
     assert step_through("n\nq\n") == (0, [("b__one", 1, "one", "ann"), ("a__two", 9, "two", "ann")])
-    assert capsys.readouterr().err.startswith("vfoa: 2 wrong frames")
+    assert capsys.readouterr().err.startswith("vfoa: left out: 2 wrong frames")
