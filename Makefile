@@ -43,7 +43,7 @@ export-extra: $(DEV)
 coverage: $(DEV)
 	$(BIN)/python -m scripts.measure coverage
 
-# The properties alone, on other examples than the suite's, and twenty times as many.
+# The properties alone, on other examples than the suite's, and fifty times as many.
 explore: $(DEV)
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile=explore --timeout=3600
 
