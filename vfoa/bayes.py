@@ -21,7 +21,8 @@ import numpy as np
 from pydantic import Field
 
 from vfoa.geometry import sigma_rad
-from vfoa.methods import MethodSettings, answer_of, boxes_of_others, frames_missed, revised
+from vfoa.instance_tracking import frames_missed
+from vfoa.methods import MethodSettings, answer_of, boxes_of_others, revised
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered, smoothed, update

@@ -13,8 +13,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from vfoa.instance_tracking import PATIENCE
-from vfoa.times import NO_GAP, Gap, seconds_between
+from vfoa.instance_tracking import frames_missed
+from vfoa.times import Gap, seconds_between
 from vfoa.types import Float, Percepts, Person, StereoRig, Target
 
 _Measured = TypeVar("_Measured")
@@ -22,11 +22,10 @@ _Measured = TypeVar("_Measured")
 
 @dataclass(frozen=True, slots=True)
 class _Last(Generic[_Measured]):
-    """What was measured last, in the frame of this number, and how long ago."""
+    """What was measured last, in the frame of this number."""
 
     measured: _Measured
     frame: int
-    gap: Gap = NO_GAP
 
 
 class _LastMeasured(Generic[_Measured]):
@@ -34,15 +33,14 @@ class _LastMeasured(Generic[_Measured]):
 
     def __init__(self) -> None:
         self._last: dict[int, _Last[_Measured]] = {}
+        self._gaps: Mapping[int, Gap] = {}
         self._time_ns: int | None = None
 
     def step(self, frame: Percepts, measured: Mapping[int, _Measured]) -> Mapping[int, _Last[_Measured]]:
         """Return what was last measured within ``PATIENCE`` frames of those who are not measured in this one."""
         passed_s, self._time_ns = seconds_between(self._time_ns, frame.time_ns), frame.time_ns
-        aged = {
-            id_: replace(last, gap=last.gap.longer(passed_s)) for id_, last in self._last.items() if id_ not in measured
-        }
-        held = {id_: last for id_, last in aged.items() if last.gap.is_within(PATIENCE)}
+        self._gaps = frames_missed(self._gaps, measured, passed_s)
+        held = {id_: self._last[id_] for id_ in self._gaps if id_ not in measured}
         self._last = held | {id_: _Last(each, frame.index) for id_, each in measured.items()}
         return held
 

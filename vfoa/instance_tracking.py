@@ -41,6 +41,17 @@ LONGER_SIDE = 480
 """Masks are compared at every nth pixel, so that the longer side of the image has about as many."""
 
 
+def frames_missed(before: Mapping[int, Gap], seen: Iterable[int], dt_s: float) -> dict[int, Gap]:
+    """Return how long each object or person was not seen, by number: of those seen now, then of those missed so far.
+
+    ``dt_s`` is the time since the last frame. Who is missed is remembered for ``PATIENCE`` frames
+    (:meth:`vfoa.times.Gap.is_within`), and keeps the number.
+    """
+    now = dict.fromkeys(seen, NO_GAP)
+    missed = {number: gap.longer(dt_s) for number, gap in before.items() if number not in now}
+    return now | {number: gap for number, gap in missed.items() if gap.is_within(PATIENCE)}
+
+
 @dataclass(frozen=True, slots=True)
 class _Known:
     """An object that is followed: its label and name (None: the source knows none), and the segmented frames missed.

@@ -29,7 +29,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from vfoa.geometry import NEAREST_M, left_from_crop, length_of, lowered, outlines, stacked
-from vfoa.methods import boxes_of_others, frames_missed
+from vfoa.instance_tracking import frames_missed
+from vfoa.methods import boxes_of_others
 from vfoa.times import Gap
 from vfoa.types import Box3D, DirectionFit, Float, Subject, Target
 from vfoa.visible import FACE_RADIUS_M

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol, Self, TypeVar
 
-from vfoa.instance_tracking import PATIENCE
 from vfoa.registry import Registry
 from vfoa.settings import Settings
-from vfoa.times import NO_GAP, Gap
 from vfoa.types import Attention, Box3D, FrameResult, Scene, Subject, Target, TargetAttention
 
 State = TypeVar("State")
@@ -111,17 +109,6 @@ def open_method(settings: MethodSettings) -> AttentionMethod[Any]:
     """Return the method that these settings name."""
     method: AttentionMethod[Any] = METHODS.load(settings.method)(settings)
     return method
-
-
-def frames_missed(before: Mapping[int, Gap], seen: Iterable[int], dt_s: float) -> dict[int, Gap]:
-    """Return how long each target was not seen, by instance id: of those seen now, then of those missed so far.
-
-    ``dt_s`` is the time since the last frame. A target is remembered for ``PATIENCE`` frames
-    (:meth:`vfoa.times.Gap.is_within`), in which it keeps its number.
-    """
-    now = dict.fromkeys(seen, NO_GAP)
-    missed = {number: gap.longer(dt_s) for number, gap in before.items() if number not in now}
-    return now | {number: gap for number, gap in missed.items() if gap.is_within(PATIENCE)}
 
 
 def look_ahead_s(method: AttentionMethod[Any]) -> float:
