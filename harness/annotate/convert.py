@@ -124,8 +124,7 @@ def _check_size(imported: Imported, manifest: ClipManifest, source: Path) -> Non
         found, expected = (f"{width} x {height}" for width, height in (imported.size_px, own))
         raise VfoaError(
             f"{source}: found shapes on images of {found} pixels; expected {expected}, the clip's rectified left "
-            "images "
-            f"(vfoa clips export {manifest.name} FOLDER writes them)"
+            f"images (vfoa clips export {manifest.name} FOLDER writes them)"
         )
 
 

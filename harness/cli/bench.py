@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -47,7 +46,7 @@ def bench(
     """Measure the speed of stages, matchers, attention and networks, and the errors of matchers."""
     from harness.bench import OF_IMAGES, SECTIONS, Bench
     from harness.cli.run import experiment_of
-    from harness.cli.terminal import print_reports, say
+    from harness.cli.terminal import print_reports, say, vfoa_command
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write, check_new
     from harness.pipeline.weights import locate_weights
@@ -100,7 +99,7 @@ def bench(
         tables += of_section
     if out:
         machine = ", ".join(f"{key} {value}" for key, value in {**host(), **versions()}.items())
-        command = shlex.join(["vfoa", *sys.argv[1:]])
+        command = vfoa_command(*sys.argv[1:])
         load = f"Load of the machine at the end, in processes: {os.getloadavg()[0]:.1f}."
         head = f"# Benchmark\n\n`{command}`: {machine}. {load}\n\n"
         atomic_write(out, head + "\n".join(to_markdown(table, level=2) for table in tables))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.options import Json, named_once
-from harness.cli.terminal import print_json, print_table, say
+from harness.cli.terminal import print_json, print_table, say, vfoa_command
 from harness.run.notes import clips_by_line
 from vfoa.errors import VfoaError, listed
 
@@ -131,7 +131,7 @@ def _check_images(path: Path, adapter: str | None, source: dict[str, Any], openf
     try:
         recognise(Path(os.path.abspath(path.expanduser())), adapter, source)
     except VfoaError as error:
-        alone = shlex.join(["vfoa", "clips", "add", str(openface)])
+        alone = vfoa_command("clips", "add", openface)
         raise VfoaError(f"{error}; or, for a film of one camera, a clip without images: {alone}") from None
 
 
@@ -258,7 +258,7 @@ def _next_steps(clips: Sequence[Added]) -> Iterator[str]:
     if not added.subjects:
         yield "missing for a table: people who look, objects they look at, labels of who looks at what"
         yield "next: the same command with names: people from left to right, objects by the segmenter's category"
-        yield f"      {shlex.join(['vfoa', *sys.argv[1:]])} --subject anna --target mug=cup"
+        yield f"      {vfoa_command(*sys.argv[1:])} --subject anna --target mug=cup"
         return
     objects = "" if added.targets else "objects they look at (key `t` of `vfoa annotate` adds one), "
     yield f"missing for a table: {objects}labels of who looks at what"

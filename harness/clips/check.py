@@ -24,7 +24,7 @@ from harness.clips.matching import (
 )
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 from vfoa.types import Float, Image, StereoFrame
 
@@ -172,7 +172,7 @@ def _later(by: int) -> str:
     """By how many frames something is later."""
     if by == 0:
         return "at the same time"
-    return f"{abs(by)} {'frame' if abs(by) == 1 else 'frames'} {'later' if by > 0 else 'earlier'}"
+    return f"{counted(abs(by), 'frame')} {'later' if by > 0 else 'earlier'}"
 
 
 def _stretches(numbers: Sequence[int]) -> list[Sequence[int]]:

@@ -10,6 +10,7 @@ from harness.report.formats import Table, percent, percent_range
 from harness.score.compared_runs import ComparedRuns, VerdictChange
 from harness.score.comparison import NO_COMMON_FRAME, Comparison, identical_on
 from harness.score.verdicts import answered
+from vfoa.errors import counted
 
 MOST_SENTENCES = 3
 """Most sentences on differences; the table has all."""
@@ -53,7 +54,7 @@ def _identical_runs(compared: ComparedRuns, shared: str) -> Iterator[str]:
     for (reference, run), comparisons in of_runs.items():
         if all(comparison.is_identical for comparison in comparisons):
             names = " and ".join(run_in_words(each, shared) for each in (reference, run))
-            many = "1 configuration" if len(comparisons) == 1 else f"{len(comparisons)} configurations"
+            many = counted(len(comparisons), "configuration")
             yield f"{names}: {identical_on(sum(comparison.n for comparison in comparisons))} of {many}."
 
 

@@ -70,8 +70,7 @@ class SceneColumns:
     (N, 3), metres in the left camera's frame, are NaN where there are none. ``person_at`` (P,) is the place of a
     person's frame, ``bodies`` the id of the person's instance, :data:`NO_ID` without one, ``head_heights_px`` (P,) the
     height of the head's box, NaN without images, and ``is_cut`` says whether the box ends at the image's border.
-    ``is_held`` (N,) says which 3D boxes are at the depth of an earlier
-    frame.
+    ``is_held`` (N,) says which 3D boxes are at the depth of an earlier frame.
     """
 
     frames: NDArray[np.int64]

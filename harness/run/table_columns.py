@@ -108,9 +108,8 @@ def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]
     of_people = ("frame", "track_id", "name", "instance_id", "head_box_px")
     people, person_at = _in_order(tables, "people", of_people, frames)
     heads_px = _vectors(people, "head_box_px", 4)
-    sizes_px = np.stack([_numbers(about, name, np.iinfo(np.int32).max) for name in ("width_px", "height_px")], axis=1)[
-        person_at
-    ]
+    no_border = np.iinfo(np.int32).max
+    sizes_px = np.stack([_numbers(about, name, no_border) for name in ("width_px", "height_px")], axis=1)
     return SceneColumns(
         frames=frames,
         times_ns=_numbers(about, "time_ns"),
@@ -130,7 +129,7 @@ def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]
         person_names=_words(people, "name", words),
         bodies=_numbers(people, "instance_id", NO_ID),
         head_heights_px=heads_px[:, 3] - heads_px[:, 1],
-        is_cut=np.any([heads_px[:, :2] <= 0, heads_px[:, 2:] >= sizes_px - 1], axis=(0, 2)),
+        is_cut=np.any([heads_px[:, :2] <= 0, heads_px[:, 2:] >= sizes_px[person_at] - 1], axis=(0, 2)),
     )
 
 

@@ -29,7 +29,7 @@ from harness.sources.media.frame_files import (
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
 from harness.sources.stereo_pairs import PACKINGS, PairFiles, StereoPairs, find_sides
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 from vfoa.types import Image
 from vfoa.validation import parse
 
@@ -64,7 +64,7 @@ class FoundLayout:
         names = ", ".join(f"{key} {value!r}" for key, value in self.source.items() if key != "layout")
         count, (width, height), rate_hz = len(self.views.frames), self.size_px, self.views.rate_hz
         rate = "" if rate_hz is None else f", {rate_hz:g} Hz"
-        pairs = f"{count} {'pair' if count == 1 else 'pairs'}"
+        pairs = counted(count, "pair")
         return f"{self.source['layout']}: {pairs} of {width} x {height}{rate} ({names})"
 
 

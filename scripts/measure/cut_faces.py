@@ -6,17 +6,16 @@ is. The weights are looked for as by ``vfoa models list``.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from harness.report.formats import UNKNOWN, Table
+from harness.report.formats import Table
 from scripts.measure.mirror import frame_of, read_rgb
 from scripts.measure.printing import print_tables
-from scripts.measure.turned_faces import Model, answers_of, degrees_between, models, surest
+from scripts.measure.turned_faces import Model, answers_of, given_photographs, models, surest, turns_of, turns_row
 from vfoa.heads.yunet import YuNet
 from vfoa.types import Float, StereoFrame
 
@@ -35,15 +34,10 @@ def measure(photograph: Path, models: Mapping[str, Model], faces: YuNet) -> dict
     head = surest(faces.faces(frame))
     face_px = head.box_px if head.face_box_px is None else head.face_box_px
     before = answers_of(models, frame, head)
-    turns: dict[float, list[dict[str, float] | None]] = {share: [] for share in SHARES}
-    for share in SHARES:
-        for side in SIDES:
-            cut = cut_at(frame, face_px, side, share)
-            found = faces.faces(cut)
-            now = answers_of(models, cut, surest(found)) if found else {}
-            both = now.keys() & before.keys()
-            turns[share].append({name: degrees_between(now[name], before[name]) for name in both} if found else None)
-    return turns
+    return {
+        share: [turns_of(models, cut_at(frame, face_px, side, share), faces, before) for side in SIDES]
+        for share in SHARES
+    }
 
 
 def cut_at(frame: StereoFrame, face_px: Float, side: int, share: float) -> StereoFrame:
@@ -69,22 +63,13 @@ def cut_faces_table(
     found: Sequence[Mapping[float, Sequence[Mapping[str, float] | None]]], names: Sequence[str]
 ) -> Table:
     """One row for each share: the faces that are found, and the mean turn of each model's answer."""
-    rows = []
-    for share in SHARES:
-        cuts = [cut for each in found for cut in each[share]]
-        seen = [cut for cut in cuts if cut is not None]
-        turns = {name: [cut[name] for cut in seen if name in cut] for name in names}
-        cells = (f"{np.mean(of_model):.1f}" if of_model else UNKNOWN for of_model in turns.values())
-        rows.append((f"{100 * share:.0f} %", f"{len(seen)} of {len(cuts)}", *cells))
-    return Table(
-        title="Faces cut by the image's border", columns=("cut off", "found", *names), rows=tuple(rows), words=0
+    rows = tuple(
+        turns_row(f"{100 * share:.0f} %", [cut for each in found for cut in each[share]], names) for share in SHARES
     )
+    return Table(title="Faces cut by the image's border", columns=("cut off", "found", *names), rows=rows, words=0)
 
 
 def main() -> None:
     """Measure the models on photographs and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("photographs", type=Path, nargs="+", help="photographs of one face each")
-    options = parser.parse_args()
-    known, faces = models(), YuNet(YuNet.Settings())
-    print_tables(cut_faces_table([measure(path, known, faces) for path in options.photographs], list(known)))
+    photographs, known, faces = given_photographs(__doc__), models(), YuNet(YuNet.Settings())
+    print_tables(cut_faces_table([measure(path, known, faces) for path in photographs], list(known)))

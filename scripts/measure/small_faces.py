@@ -6,17 +6,16 @@ pixels the face has. The weights are looked for as by ``vfoa models list``.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from harness.report.formats import UNKNOWN, Table
+from harness.report.formats import Table
 from scripts.measure.mirror import frame_of, read_rgb
 from scripts.measure.printing import print_tables
-from scripts.measure.turned_faces import Model, answers_of, degrees_between, models, surest
+from scripts.measure.turned_faces import Model, answers_of, given_photographs, models, surest, turns_of, turns_row
 from vfoa.heads.yunet import YuNet
 from vfoa.types import Image
 
@@ -35,10 +34,7 @@ def measure(photograph: Path, models: Mapping[str, Model], faces: YuNet) -> dict
     turns: dict[int, dict[str, float] | None] = {}
     for height_px in HEIGHTS_PX:
         frame = frame_of(shrunk(image, box_px, height_px / (box_px[3] - box_px[1])))
-        found = faces.faces(frame)
-        now = answers_of(models, frame, surest(found)) if found else {}
-        both = [name for name in now if name in before]
-        turns[height_px] = {name: degrees_between(now[name], before[name]) for name in both} if found else None
+        turns[height_px] = turns_of(models, frame, faces, before)
     return turns
 
 
@@ -53,26 +49,11 @@ def shrunk(image: Image, box_px: Sequence[float], factor: float) -> Image:
 
 def small_faces_table(found: Sequence[Mapping[int, Mapping[str, float] | None]], names: Sequence[str]) -> Table:
     """One row for each height: the faces that are found, and the mean turn of each model's answer."""
-
-    def cell(height_px: int, name: str) -> str:
-        turns = [of_face[name] for each in found if (of_face := each[height_px]) and name in of_face]
-        return f"{np.mean(turns):.1f}" if turns else UNKNOWN
-
-    rows = tuple(
-        (
-            str(height_px),
-            f"{sum(each[height_px] is not None for each in found)} of {len(found)}",
-            *(cell(height_px, name) for name in names),
-        )
-        for height_px in HEIGHTS_PX
-    )
+    rows = tuple(turns_row(str(height_px), [each[height_px] for each in found], names) for height_px in HEIGHTS_PX)
     return Table(title="Faces that are small", columns=("head px", "found", *names), rows=rows, words=0)
 
 
 def main() -> None:
     """Measure the models on photographs and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("photographs", type=Path, nargs="+", help="photographs of one face each")
-    options = parser.parse_args()
-    known, faces = models(), YuNet(YuNet.Settings())
-    print_tables(small_faces_table([measure(path, known, faces) for path in options.photographs], list(known)))
+    photographs, known, faces = given_photographs(__doc__), models(), YuNet(YuNet.Settings())
+    print_tables(small_faces_table([measure(path, known, faces) for path in photographs], list(known)))

@@ -93,6 +93,32 @@ def answers_of(models: Mapping[str, Model], frame: StereoFrame, head: Head) -> d
     return {name: direction for name, direction in answers.items() if direction is not None}
 
 
+def turns_of(
+    models: Mapping[str, Model], frame: StereoFrame, faces: YuNet, before: Mapping[str, Float]
+) -> dict[str, float] | None:
+    """The angle of each model's answer for the surest face to an answer of before, degrees; None: no face is found."""
+    found = faces.faces(frame)
+    if not found:
+        return None
+    now = answers_of(models, frame, surest(found))
+    return {name: degrees_between(now[name], before[name]) for name in now if name in before}
+
+
+def turns_row(label: str, turns: Sequence[Mapping[str, float] | None], names: Sequence[str]) -> tuple[str, ...]:
+    """A row of a table: the faces that are found, and the mean turn of each model's answer."""
+    seen = [of_face for of_face in turns if of_face is not None]
+    of_models = ([of_face[name] for of_face in seen if name in of_face] for name in names)
+    cells = (f"{np.mean(of_model):.1f}" if of_model else UNKNOWN for of_model in of_models)
+    return (label, f"{len(seen)} of {len(turns)}", *cells)
+
+
+def given_photographs(description: str | None) -> list[Path]:
+    """The photographs that the command line names."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("photographs", type=Path, nargs="+", help="photographs of one face each")
+    return list(parser.parse_args().photographs)
+
+
 def degrees_between(a: Float, b: Float) -> float:
     """The angle between two directions (3,), degrees."""
     return math.degrees(angle_between(a, b))
@@ -143,12 +169,9 @@ def turned_faces_table(rows: Sequence[tuple[str, float | None, Answer]]) -> Tabl
 
 def main() -> None:
     """Measure the models on photographs and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("photographs", type=Path, nargs="+", help="photographs of one face each")
-    options = parser.parse_args()
-    known, faces = models(), YuNet(YuNet.Settings())
+    photographs, known, faces = given_photographs(__doc__), models(), YuNet(YuNet.Settings())
     rows = []
-    for photograph in options.photographs:
+    for photograph in photographs:
         turn, answers = measure(photograph, known, faces)
         rows += [(photograph.stem, turn, answer) for answer in answers]
     print_tables(turned_faces_table(rows))

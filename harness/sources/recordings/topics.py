@@ -18,7 +18,7 @@ from harness.sources.recordings.image_message import ImageMessage
 from harness.sources.recordings.messages import IMAGES, READ, Kind, MessageType, codec_of
 from harness.sources.recordings.pixels import INFRARED, may_be_depth
 from harness.sources.stereo_pairs import Packing
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 from vfoa.settings import Settings
 
 Item = TypeVar("Item")
@@ -66,7 +66,7 @@ class Topic:
         return "" if self.header is None else self.header.frame_id
 
     def __str__(self) -> str:
-        return f"{self.name} ({self.type.name}, {self.count} {'message' if self.count == 1 else 'messages'})"
+        return f"{self.name} ({self.type.name}, {counted(self.count, 'message')})"
 
 
 def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, where: str) -> tuple[Topic, Topic]:

@@ -43,22 +43,20 @@ def _methods(folder: Path) -> list[Path]:
 
 def _maps(folder: Path) -> Path:
     """An experiment with masks of another program."""
-    stages = 'stereo.matcher = "bm"\nsegmentation = { model = "id_maps", root = "masks" }\nheads.detector = "yunet"\n'
-    return write_text(
-        folder / "maps.toml",
-        f'clips = ["studio_table"]\n[defaults]\n{stages}head_pose.model = "none"\ngaze.model = "truth"\n'
-        '[[configuration]]\nname = "own"\n',
-    )
+    segmenter, heads = 'segmentation = { model = "id_maps", root = "masks" }', 'heads.detector = "yunet"'
+    return _without_head_pose(folder / "maps.toml", segmenter, heads, 'gaze.model = "truth"')
 
 
 def _blind(folder: Path) -> Path:
     """An experiment without a model of gaze or head pose."""
-    stages = 'stereo.matcher = "bm"\nsegmentation.model = "truth"\nheads.detector = "person_mask"\n'
-    return write_text(
-        folder / "blind.toml",
-        f'clips = ["studio_table"]\n[defaults]\n{stages}head_pose.model = "none"\ngaze.model = "none"\n'
-        '[[configuration]]\nname = "own"\n',
-    )
+    segmenter, heads = 'segmentation.model = "truth"', 'heads.detector = "person_mask"'
+    return _without_head_pose(folder / "blind.toml", segmenter, heads, 'gaze.model = "none"')
+
+
+def _without_head_pose(path: Path, *stages: str) -> Path:
+    """An experiment of one configuration with these stages beside BM."""
+    defaults = "\n".join(('stereo.matcher = "bm"', 'head_pose.model = "none"', *stages))
+    return write_text(path, f'clips = ["studio_table"]\n[defaults]\n{defaults}\n[[configuration]]\nname = "own"\n')
 
 
 @pytest.fixture(autouse=True)
