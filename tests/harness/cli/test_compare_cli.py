@@ -3,7 +3,6 @@ from __future__ import annotations
 import base64
 import json
 import re
-import sys
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -175,9 +174,7 @@ def test_the_served_page_links_to_recordings_and_is_made_anew_for_other_conditio
     for run in runs:
         (Path(run) / "tabletop__one.rrd").touch()
     served: dict[str, Any] = {}
-    monkeypatch.setattr(
-        sys.modules["harness.cli.serving"], "browse", lambda *given, **named: served.update(named, given=given)
-    )
+    monkeypatch.setattr("harness.cli.serving.browse", lambda *given, **named: served.update(named, given=given))
     invoked = CliRunner().invoke(app, ["compare", *runs, "--serve", "--where", "target=cup", "--where", "frame<40"])
     assert invoked.exit_code == 0, invoked.output
     recordings, paths = served["given"]
