@@ -241,9 +241,9 @@ def files_in(folder: Path) -> tuple[Path, ...]:
 def _chunks(path: Path, summary: Summary, window: range) -> list[int] | None:
     """Offsets of the chunks to read for a window, by a file's index.
 
-    Beside those of the window: for each channel of calibrations and poses, the last chunk before the window with one of
-    its messages, since a camera may send its calibration once. None: all, if there is no index, or if decoding a video
-    begins before the window.
+    Beside those of the window: for each channel of calibrations and poses, the last chunk that ends before the window
+    and has one of its messages, since a camera may send its calibration once; all chunks with static transforms, of
+    which every node sends its own. None: all, if there is no index, or if decoding a video begins before the window.
     """
     chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
     channels = summary.channels.values()
@@ -258,10 +258,14 @@ def _chunks(path: Path, summary: Summary, window: range) -> list[int] | None:
         for chunk in chunks
         if chunk.message_end_time >= window.start and chunk.message_start_time < window.stop
     }
-    for channel in (number for number, kind in kinds.items() if kind in ("calibration", "transforms", "extrinsics")):
-        holding = [chunk for chunk in chunks if channel in chunk.message_index_offsets]
-        before = [chunk for chunk in holding if chunk.message_start_time < window.start]
-        wanted.update(chunk.chunk_start_offset for chunk in (before[-1:] or holding[:1]))
+    for channel in channels:
+        if kinds[channel.id] not in ("calibration", "transforms", "extrinsics"):
+            continue
+        needed = [chunk for chunk in chunks if channel.id in chunk.message_index_offsets]
+        if not channel.topic.endswith("tf_static"):
+            before = [chunk for chunk in needed if chunk.message_end_time < window.start]
+            needed = before[-1:] or needed[:1]
+        wanted.update(chunk.chunk_start_offset for chunk in needed)
     return sorted(wanted)
 
 

@@ -12,11 +12,13 @@ from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.containers import window_of
 from harness.sources.recordings.mcap_files import McapContainer
 from harness.sources.recordings.topics import RecordingSettings
+from tests.depth_recordings import Lens, messages
 from tests.disk import HEIGHT, WIDTH, picture
 from tests.harness.sources.numbered_recording import LEFT, RIGHT, open_clip, pairs, stamp
 from tests.recordings import recorder, rectified_camera, write_pairs
 from vfoa.errors import VfoaError
 
+LENS = Lens(width=WIDTH, height=HEIGHT, fx=60.0, cx=31.5, cy=23.5)
 INDEXES = {
     "indexed": {"chunk_size": 4 * WIDTH * HEIGHT},
     "statistics alone": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.NONE},
@@ -69,6 +71,45 @@ def test_a_calibration_that_was_sent_once_holds_for_a_later_part(tmp_path: Path,
                 record.picture(f"/{side}/image", stamp(n), picture(n))
     assert open_clip(path, start_s=0.8, end_s=1.0).frame(1).rig.fx_px == 200.0
     assert open_clip(path, start_s=0.2, end_s=0.3).frame(1).rig.fx_px == 100.0
+
+
+@pytest.mark.parametrize("options", INDEXES.values(), ids=INDEXES)
+def test_a_calibration_that_changes_in_a_part_does_not_hold_before_it_changes(
+    tmp_path: Path, options: dict[str, object]
+) -> None:
+    """The part begins in the chunk that has the second calibration; the first one is in an earlier chunk."""
+    path = tmp_path / "a.mcap"
+    chunks_of_three_frames = {"chunk_size": 16 * WIDTH * HEIGHT} if "chunk_size" in options else {}
+    with recorder(path, "protobuf", **{**options, **chunks_of_three_frames}) as record:
+        for n in range(1, 31):
+            for side, baseline_m in (("left", 0.0), ("right", 0.12)):
+                if n in (1, 20):
+                    camera = rectified_camera(WIDTH, HEIGHT, 100.0 * (1 + (n == 20)), 31.5, 23.5, baseline_m)
+                    record.camera(f"/{side}/camera_info", stamp(n), camera)
+                record.picture(f"/{side}/image", stamp(n), picture(n))
+    for first in range(16, 21):
+        clip = open_clip(path, start_s=(first - 1) * 0.04, end_s=1.0)
+        assert [clip.frame(n).rig.fx_px for n in clip.frames] == [100.0] * (20 - first) + [200.0] * 6
+
+
+def test_static_transforms_of_several_nodes_hold_for_a_later_part(tmp_path: Path) -> None:
+    """Each node sends its own at its start, so that they are in several chunks."""
+    filler = np.zeros((1, 2**20 + 1), np.uint8)  # the writer begins a new chunk after 1 MiB
+    millimetres = np.full((HEIGHT, WIDTH), 2000, np.uint16)
+    steps = (("colour", "middle", 0.1), ("middle", "depth", 0.2), ("base", "colour", 0.0))
+    with messages(tmp_path, "mcap") as (path, write):
+        for n, (parent, child, x_m) in enumerate(steps, start=1):
+            write.transform("/tf_static", stamp(n), parent, child, (x_m, 0, 0), (0, 0, 0, 1))
+            write.image("/map", stamp(n), filler, "mono8")
+        for n in range(4, 9):
+            for name in ("color", "depth"):
+                write.camera(f"/camera/{name}/camera_info", stamp(n), LENS)
+            write.image("/camera/color/image_raw", stamp(n), picture(n), "rgb8", "colour")
+            write.image("/camera/depth/image_raw", stamp(n), millimetres, "16UC1", "depth")
+            write.image("/map", stamp(n), filler, "mono8")
+    whole, part = (McapClip(RecordingSettings(start_s=start_s), path) for start_s in (None, 0.2))
+    assert len(part.frames) == 3
+    np.testing.assert_array_equal(part.frame(1).depth_m, whole.frame(3).depth_m)
 
 
 def test_a_part_of_a_split_recording_spans_files(tmp_path: Path) -> None:
