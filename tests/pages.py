@@ -48,3 +48,12 @@ def is_shown_by(printed: str, expected: str) -> bool:
 
 def _flat(text: str) -> str:
     return "".join(f"{word} " for line in shape(text) for word in line)
+
+
+_RATES = re.compile(r"^ \S+ +\d+ +\d+\.\d .*$", re.MULTILINE)
+
+
+def rates(text: str) -> list[float | str]:
+    """The cells of the rows of tables of rates (name, n, FRR %, ...), for ``pytest.approx``."""
+    cells = [cell for row in _RATES.findall(text) for cell in row.split()]
+    return [float(cell) if re.fullmatch(r"[\d.]+", cell) else cell for cell in cells]

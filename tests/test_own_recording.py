@@ -22,7 +22,7 @@ from harness.report.frames_csv import export_frames
 from tests import annotating, own_recordings
 from tests.command import vfoa
 from tests.homes import NEEDED, serve_models
-from tests.pages import is_shown_by, steps
+from tests.pages import is_shown_by, rates, steps
 from tests.repository import REPOSITORY
 from tests.web import serve
 
@@ -107,6 +107,7 @@ def test_a_recording_becomes_a_table_by_the_commands_that_adding_it_prints(
             assert (code, err) == (0, ""), command
             printed = as_shown(out, home)
             assert is_shown_by(printed, expected), printed
+            assert rates(printed) == pytest.approx(rates(expected), abs=0.01), command
             if command == add:
                 assert told(printed) == [command for command, _ in others]
                 commands += others
@@ -129,6 +130,7 @@ def test_measured_heads_become_a_table_by_the_commands_that_adding_them_prints(
         assert (code, err) == (0, ""), command
         printed = as_shown(out, home)
         assert is_shown_by(printed, expected), printed
+        assert rates(printed) == pytest.approx(rates(expected), abs=0.01), command
         if command == add:
             labels = "../talk/gt_first_half.npz"
             assert [line.replace("FILE", labels) for line in told(printed)] == [command for command, _ in others]

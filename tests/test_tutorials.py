@@ -1,8 +1,8 @@
 """The tutorials, executed as written: the commands of each page in order, after ``make demo``, with what they print.
 
 A new page in docs/tutorials needs no code here: a block with a title is written as that file, a block below ``<!-- not
-executed: REASON -->`` is left out. Runs of the demo are short (:data:`SHORT`, :data:`CLIPS`), so numbers are not
-compared, but the words and the number of cells around them.
+executed: REASON -->`` is left out. Runs of the demo are short (:data:`SHORT`, :data:`CLIPS`), so their numbers are
+not compared, but the words and the number of cells around them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import pytest
 from harness.server.local_server import LocalServer
 from tests.command import run_in
 from tests.disk import share_rendered_frames, write_text
-from tests.pages import parts, shape, steps
+from tests.pages import parts, rates, shape, steps
 from tests.repository import REPOSITORY
 
 OWN_TEST = ("label-fit-run", "own-recording", "real-person")
@@ -72,6 +72,8 @@ def test_a_tutorial_does_what_it_says(page: Path, demo: tuple[Path, str], tmp_pa
                 said = _vfoa(words[1:], tmp_path, folder / "cache")
             if expected.strip():
                 assert shape(said.replace(f"{tmp_path}/", "")) == shape(expected), f"{page.name}: {command}\n{said}"
+                if "demo" not in command:
+                    assert rates(said) == pytest.approx(rates(expected), abs=0.01), f"{page.name}: {command}\n{said}"
         if file:
             write_text(tmp_path / file[0], file[1])
 
