@@ -46,6 +46,9 @@ _NOTED_NS = 1e6
 _APART_S = 10.0
 """Longest time between two parts of one recording."""
 
+_REORDERED = 3
+"""Most images in a row that a recorder's threads write behind a later one."""
+
 
 FramePlaces = Sides[Place]
 """Positions of the messages of one frame."""
@@ -99,6 +102,24 @@ def notes_on_files(places: Sequence[Place], files: Sequence[Path]) -> list[str]:
                 "file as a clip"
             )
     return notes
+
+
+def notes_on_clock(topic: Topic) -> list[str]:
+    """A note if a camera's clock was set back while a file was written: frames of two times are then mixed."""
+    latest_ns: dict[int, int] = {}
+    late, in_a_row, back_ns = 0, [0], 0
+    for place in sorted(topic.places, key=lambda place: (place.file, place.offset, place.place)):
+        before_ns = latest_ns.get(place.file, place.stamp_ns)
+        latest_ns[place.file] = max(before_ns, place.stamp_ns)
+        is_late = place.stamp_ns < before_ns
+        late, back_ns = late + is_late, max(back_ns, before_ns - place.stamp_ns)
+        in_a_row.append(in_a_row[-1] + 1 if is_late else 0)
+    if max(in_a_row) <= _REORDERED:
+        return []
+    return [
+        f"{topic.name}: {late} images were recorded after images with later stamps, by up to {back_ns / 1e9:g} s: was "
+        'the clock set back? Frames are in the order of stamps; stamps = "log" in [source] takes that of recording'
+    ]
 
 
 def _join_partners(left: Topic, other: Topic, tolerance_ns: int, where: str) -> tuple[dict[Place, Place], list[str]]:
@@ -199,6 +220,7 @@ class RecordingClip:
         self.notes = (
             *(*index.losses, *paired, *unused_pairs(topics, self._streams), *unused_depth(topics, self._streams)),
             *notes_on_files(self._streams.left.places, self._container.files),
+            *(notes_on_clock(self._streams.left) if settings.stamps == "header" else ()),
             *(*self._optics.notes, *counted),
             *([by_log] if settings.stamps == "log" else []),
         )

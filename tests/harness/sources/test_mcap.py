@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -96,6 +96,36 @@ def test_stamps_of_the_log_join_what_headers_cannot(tmp_path: Path, header_ns: i
 def test_unset_headers_are_said_with_the_way_out(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r'time stamp.*\(stamps = "log" in'):
         open_clip(write_unset(tmp_path / "a.mcap"))
+
+
+def written_in_order(path: Path, written: Sequence[tuple[int, int]]) -> Path:
+    """A recording of pictures with these numbers of (the stamp, the log time), in this order of writing."""
+    with recorder(path) as record:
+        for number, (stamped, logged) in enumerate(written, start=1):
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", stamp(stamped), camera, log_ns=stamp(logged))
+                record.picture(f"/{side}/image", stamp(stamped), picture(number), log_ns=stamp(logged))
+    return path
+
+
+def test_a_clock_that_was_set_back_while_recording_is_noted(tmp_path: Path) -> None:
+    """Frames of two times are mixed by their stamps; the log has the order in which they were taken."""
+    set_back = [*((n, n) for n in range(1, 11)), *((n - 5, n) for n in range(11, 21))]
+    path = written_in_order(tmp_path / "a.mcap", set_back)
+    (note,) = (note for note in open_clip(path).notes if "set back" in note)
+    assert note.startswith("/left/image: 4 images ")
+    assert "by up to 0.16 s" in note
+    clip = open_clip(path, stamps="log")
+    assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in range(1, 21)]
+    assert not any("set back" in note for note in clip.notes)
+
+
+def test_images_that_a_recorder_wrote_in_another_order_are_sorted_without_a_note(tmp_path: Path) -> None:
+    order = [4, 1, 2, 3, 6, 5, 9, 7, 8]
+    clip = open_clip(written_in_order(tmp_path / "a.mcap", [(n, n) for n in order]))
+    assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in range(1, 10)]
+    assert np.array_equal(clip.frame(1).left, picture(2))
+    assert clip.notes == ()
 
 
 def test_an_attachment_and_metadata_change_nothing(tmp_path: Path) -> None:
