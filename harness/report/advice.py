@@ -15,9 +15,9 @@ from harness.run.results import has_images
 from vfoa.cones import ConesSettings
 from vfoa.registry import AUTO
 
-WIDE_DEG, NARROW_DEG = 40, 20
-WIDE_CM, NARROW_CM = 40, 20
-"""Cones of the paper have a radius in cm for a height of 1.10 m: 40 cm are 40 degrees, 20 cm are 21."""
+WIDE, NARROW = 40.0, 20.0
+"""Degrees or cm: cones of the paper have a radius in cm for a height of 1.10 m; 40 cm are 40 degrees, 20 cm are 21."""
+CONES_LIMITS = {"cones_deg": 180.0, "cones_cm": 10000.0}
 
 VIEW = "vfoa view RUN"
 """The command that shows a run, as pages and tables have it, which may be read anywhere."""
@@ -57,14 +57,28 @@ class _Run:
         default = ConesSettings().model_dump(mode="json")
         return [configuration.get("attention") for configuration in self.configurations] == [default]
 
-    def cones(self, degrees: int, centimetres: int) -> str:
-        """The option for one cone of this size; "" if the configurations have both units, or no cones."""
-        deg, cm = ([value is not None for value in self.values("attention", key)] for key in ("cones_deg", "cones_cm"))
-        if not deg or any(deg) == any(cm):
+    @property
+    def wider_cones(self) -> str:
+        """The option for one cone that is wider than all; "" as in :meth:`_cones`."""
+        return self._cones(lambda widest: WIDE if max(widest) < WIDE else 2 * max(widest))
+
+    @property
+    def narrower_cones(self) -> str:
+        """The option for one cone that is narrower than the widest of each configuration; "" as in :meth:`_cones`."""
+        return self._cones(lambda widest: NARROW if min(widest) > NARROW else min(widest) / 2)
+
+    def _cones(self, size: Callable[[list[float]], float]) -> str:
+        """The option for one cone, whose size follows from the widest cone of each configuration.
+
+        "" if the configurations have both units, or no cones, or if there is no cone of this size.
+        """
+        used = {key: self.values("attention", key) for key in CONES_LIMITS}
+        units = [key for key, cones in used.items() if any(cones)]
+        if len(units) != 1:
             return ""
-        return (
-            f" (--set attention.cones_deg=[{degrees}])" if any(deg) else f" (--set attention.cones_cm=[{centimetres}])"
-        )
+        (unit,) = units
+        best = size([max(cones) for cones in used[unit] if cones])
+        return f" (--set attention.{unit}=[{best:g}])" if best < CONES_LIMITS[unit] else ""
 
     def another_matcher(self) -> Iterator[str]:
         """Advice to match by the other method, where one method matched in all configurations."""
@@ -142,7 +156,7 @@ def _target_not_segmented(run: _Run) -> Iterator[str]:
 
 def _false_attention(run: _Run) -> Iterator[str]:
     yield f"see what was predicted instead ({run.failures})"
-    if option := run.cones(NARROW_DEG, NARROW_CM):
+    if option := run.narrower_cones:
         yield f"try narrower cones{option}"
     if "nearest" in run.values("attention", "method"):
         yield "let the nearest target count up to a smaller angle (attention.limit_deg)"
@@ -150,7 +164,7 @@ def _false_attention(run: _Run) -> Iterator[str]:
 
 
 def _no_hit(run: _Run) -> Iterator[str]:
-    if option := run.cones(WIDE_DEG, WIDE_CM):
+    if option := run.wider_cones:
         yield f"try wider cones{option}"
     yield from _other_methods(run, "which always has an answer")
     yield f"see where the rays go ({run.failures})"
@@ -158,7 +172,7 @@ def _no_hit(run: _Run) -> Iterator[str]:
 
 def _missed(run: _Run) -> Iterator[str]:
     yield f"see by how much gaze and head are off ({run.failures})"
-    if option := run.cones(WIDE_DEG, WIDE_CM):
+    if option := run.wider_cones:
         yield f"wider cones{option} forgive more, and must be chosen on other clips"
 
 

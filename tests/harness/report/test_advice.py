@@ -149,3 +149,21 @@ def test_a_method_that_knows_of_nowhere_is_not_told_of_one_that_does(method: str
     configurations = _plain(_load(str(path)), method)
     advised = advice("false_attention", configurations) + advice("no_hit", configurations)
     assert [step for step in advised if "posterior" in step] == []
+
+
+@pytest.mark.parametrize(
+    ("cones", "wider", "narrower"),
+    [
+        ("cones_cm=[10]", ["attention.cones_cm=[40]"], ["attention.cones_cm=[5]"]),
+        ("cones_cm=[10, 25]", ["attention.cones_cm=[40]"], ["attention.cones_cm=[20]"]),
+        ("cones_deg=[15, 40]", ["attention.cones_deg=[80]"], ["attention.cones_deg=[20]"]),
+        ("cones_deg=[90]", [], ["attention.cones_deg=[20]"]),
+    ],
+)
+def test_cones_are_advised_that_differ_from_those_used_in_the_named_direction(
+    cones: str, wider: list[str], narrower: list[str]
+) -> None:
+    configurations = _plain(_load("default", overrides=("attention.method=cones", f"attention.{cones}")), "default")
+    for error_type, expected in (("no_hit", wider), ("missed", wider), ("false_attention", narrower)):
+        options = _OPTION.findall(" ".join(advice(error_type, configurations)))
+        assert [option for option in options if ".cones_" in option] == expected, error_type
