@@ -272,7 +272,7 @@ def add_clip(
 
 def _notes(frame: StereoFrame, manifest: ClipManifest) -> Iterator[str]:
     """What is in question of the camera, and of the names."""
-    yield from camera_problems([frame], says_unit="calibration_unit" in manifest.source)
+    yield from camera_problems([frame], manifest)
     yield from camera_notes(frame.rig)
     yield from unknown_categories(manifest)
 

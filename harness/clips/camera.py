@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from harness.clips.manifest import ClipManifest
 from vfoa.types import StereoFrame, StereoRig
 
 MIN_BASELINE_M, MAX_BASELINE_M = 0.02, 1.0
@@ -15,20 +16,30 @@ MOST_OFF_CENTRE = 0.15
 """Usual distance of the principal point from the middle, as a share of width or height; at most."""
 
 
-def camera_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> Iterator[str]:
-    """Problems of each camera, with its first frame. ``says_unit``: the manifest gives the unit of the baseline."""
+def camera_problems(frames: Sequence[StereoFrame], manifest: ClipManifest) -> Iterator[str]:
+    """Problems of each camera, with its first frame. A baseline is in question unless the manifest gives its unit."""
+    says_unit = "calibration_unit" in manifest.source
     for rig, frame in {frame.rig: frame for frame in reversed(frames)}.items():
         if frame.right is not None and not says_unit and not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
             yield (
                 f"frame {frame.index}: the baseline is {rig.baseline_m:.4g} m; expected {MIN_BASELINE_M:g} to "
-                f'{MAX_BASELINE_M:g} m: say calibration_unit = "mm" (or "cm"; "m" if it is right) or baseline_m = in '
-                "[source]"
+                f"{MAX_BASELINE_M:g} m: {_how_to_correct(manifest)} in [source]"
             )
         if not (0 < rig.cx_px < rig.width_px and 0 < rig.cy_px < rig.height_px):
             yield (
                 f"frame {frame.index}: the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
                 f"{rig.width_px} x {rig.height_px}; expected the calibration of this size"
             )
+
+
+def _how_to_correct(manifest: ClipManifest) -> str:
+    """The keys of ``[source]`` that correct a baseline: only pairs in files have a unit, and numbers are in metres."""
+    has_unit = manifest.adapter == "stereo_folder"
+    if "camera" in manifest.source:
+        is_right = '; if it is right, say calibration_unit = "m"' if has_unit else ""
+        return f"correct camera.baseline_m, which is in metres{is_right}"
+    unit = 'calibration_unit = "mm" (or "cm"; "m" if it is right) or ' if has_unit else ""
+    return f"say {unit}baseline_m ="
 
 
 def camera_notes(rig: StereoRig) -> Iterator[str]:

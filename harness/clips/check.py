@@ -297,7 +297,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         ),
         problems=(
             *unreadable,
-            *camera_problems(frames, says_unit="calibration_unit" in manifest.source),
+            *camera_problems(frames, manifest),
             *_image_problems(frames),
             *_depth_problems(frames),
             *_matching_problems(error_px, disparity_px),

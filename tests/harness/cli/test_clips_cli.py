@@ -14,6 +14,7 @@ from harness.clips.families import clip_files
 from harness.clips.listing import clips_at_hand, clips_named
 from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
 from tests.disk import labels_text, write_bytes, write_image, write_text
+from tests.recordings import rectified_camera, write_pairs
 from vfoa.errors import VfoaError
 
 WIDTH, HEIGHT, DISPARITY = 192, 144, 12
@@ -217,6 +218,31 @@ def test_a_baseline_whose_unit_is_said_passes(tmp_path: Path) -> None:
     assert _check("wall")[0] == 2
     _clip(tmp_path, manifest=far.replace("[source]", '[source]\ncalibration_unit = "m"'))
     assert _check("wall")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("source", "camera", "keys"),
+    [
+        ("left = 'left'\nright = 'right'", CAMERA.replace("0.1", "120"), {"camera.baseline_m", "calibration_unit"}),
+        ("left = 'left'\nright = 'right'\ncalibration = 'k.txt'", None, {"baseline_m", "calibration_unit"}),
+        ("recording = 'wall.mcap'", None, {"baseline_m"}),
+        ("recording = 'wall.mcap'", CAMERA.replace("0.1", "120"), {"camera.baseline_m"}),
+    ],
+)
+def test_a_baseline_in_millimetres_is_corrected_by_keys_that_the_source_takes(
+    tmp_path: Path, source: str, camera: str | None, keys: set[str]
+) -> None:
+    is_recording = "recording" in source
+    table = "" if camera is None else f"[source.camera]\n{camera}"
+    adapter = "mcap" if is_recording else "stereo_folder"
+    _clip(tmp_path, manifest=f'name = "wall"\nadapter = "{adapter}"\nroot = "wall"\n[source]\n{source}\n{table}')
+    write_text(tmp_path / "datasets" / "wall" / "k.txt", "300 0 95.5 0 300 71.5 0 0 1\n120\n")
+    info = [rectified_camera(WIDTH, HEIGHT, fx=300, cx=95.5, cy=71.5, baseline_m=each) for each in (0, 120)]
+    write_pairs(tmp_path / "datasets" / "wall" / "wall.mcap", [(1, *_textured(0), *info)])
+    problems = _check("wall")[1]["problems"]
+    assert isinstance(problems, list)
+    (said,) = (problem for problem in problems if "the baseline is 120 m" in problem)
+    assert {*re.findall(r"(?:camera\.)?baseline_m|calibration_unit", said)} == keys
 
 
 @pytest.mark.parametrize(
