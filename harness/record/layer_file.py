@@ -36,7 +36,6 @@ FLUSHED_ROWS = 1000
 """Least rows between flushes when a file is written from others: Rerun takes chunks faster than the file does."""
 LEAST_FREE_BYTES = 32 * 2**20
 """A recording stops when the disk has less free space than this: the rest is for the results."""
-GO_ON = "finished clips are kept, and the same command continues"
 _PATIENCE_S = 30.0
 _AT_ONCE_BYTES = 2**16
 
@@ -136,7 +135,7 @@ class LayerFile:
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free
         if free < LEAST_FREE_BYTES:
-            reason = f"{os.strerror(errno.ENOSPC)}: {free // 2**20} MB are free; {GO_ON}"
+            reason = f"{os.strerror(errno.ENOSPC)}: {free // 2**20} MB are free"
             raise OSError(errno.ENOSPC, reason, str(self._partial))
 
     def _assemble(self) -> None:
@@ -247,14 +246,14 @@ class _StreamFile:
             With the path of the file.
         """
         if (error := self._error) is not None:
-            raise OSError(error.errno, f"{error.strerror}; {GO_ON}", str(self._path))
+            raise OSError(error.errno, error.strerror, str(self._path))
 
     def flush(self) -> None:
         """Write out all that was logged. Raises the errors of :meth:`check`."""
         try:
             self._stream.flush(timeout_sec=_PATIENCE_S)
         except RuntimeError as error:
-            raise OSError(errno.EIO, f"cannot be written ({error}); {GO_ON}", str(self._path)) from None
+            raise OSError(errno.EIO, f"cannot be written ({error})", str(self._path)) from None
         waiting = self._waiting()
         while not self._ended.is_set():
             with self._moving:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import itertools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +24,9 @@ from harness.run.timings import join_timings
 from vfoa.errors import VfoaError
 
 __all__ = ["prepare", "run_plan"]
+
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+"""Errors of a full disk, which name no file where a file that is open cannot grow."""
 
 
 def run_plan(
@@ -65,6 +69,8 @@ def run_plan(
     VfoaError
         If the directory holds another run, or one in progress, or nothing could be finished, or weights are to be
         fitted and the plan has no ``fit``. A run that is refused before a clip is perceived leaves no directory.
+    OSError
+        If a file cannot be written; of a full disk it names the directory if not the file.
     KeyboardInterrupt
         If the run is interrupted, after ``tell`` was called with what is kept.
     """
@@ -112,6 +118,11 @@ def run_plan(
             perceived = ", and stage outputs in the cache" if cache else ""
             tell(f"interrupted: finished clips are kept in {directory.path}{perceived}; the same command continues")
             raise
+        except OSError as error:
+            if error.errno not in _NO_ROOM and error.filename is None:
+                raise
+            reason = f"{error.strerror}; finished clips are kept, and the same command continues"
+            raise OSError(error.errno, reason, error.filename or str(directory.path)) from error
     for line in cache_lines(results.account.rows()):
         tell(line)
     return directory

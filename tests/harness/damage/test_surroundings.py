@@ -21,26 +21,24 @@ from tests.harness.damage.table import RUN
 from vfoa.types import StereoFrame
 
 
-def _little_room() -> None:
-    """No file may grow beyond 2 kB, as on a disk that is full; Python ignores the signal that comes with it."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, 2_000))
-
-
+@pytest.mark.parametrize("room_bytes", [2_000, 5_000])
 def test_a_full_disk_is_said_in_one_line_and_the_run_goes_on_when_there_is_room(
-    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    room_bytes: int, project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """No file may grow beyond this, as on a disk that is full: first the manifest, then a table, which is open."""
     code = "import harness.cli; harness.cli.main()"
     done = subprocess.run(
         [sys.executable, "-B", "-c", code, *RUN, "--no-cache"],
         capture_output=True,
         text=True,
         check=False,
-        preexec_fn=_little_room,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room_bytes, room_bytes)),
         env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
     )
     assert done.returncode == 2, done.stderr
     assert done.stderr.count("\n") == 1, done.stderr
     assert "File too large" in done.stderr
+    assert done.stderr.startswith("vfoa: out")
     assert not (project / "out" / "frr.csv").exists()
     assert vfoa(monkeypatch, capsys, *RUN)[::2] == (0, "")
     assert (project / "out" / "frr.csv").is_file()
