@@ -388,9 +388,13 @@ def source_commit() -> str | None:
     root = Path(__file__).parent.parent.parent
     if not (root / ".git").exists():
         return None
-    command = ["git", "describe", "--always", "--abbrev=40", "--dirty", "--exclude=*"]
+    # `git describe --dirty` would lock and rewrite the index of the checkout
+    command = ["git", "--no-optional-locks", "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
     with suppress(OSError):  # no git here
-        return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False).stdout.strip() or None
+        lines = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False).stdout.splitlines()
+        commits = [line.rpartition(" ")[2] for line in lines if line.startswith("# branch.oid ")]
+        is_dirty = not all(line.startswith("#") for line in lines)
+        return f"{commits[0]}{'-dirty' * is_dirty}" if commits else None
     return None
 
 

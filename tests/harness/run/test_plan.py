@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from harness.pipeline.cache import open_cache
 from harness.pipeline.cache_store import Store
+from harness.run import plan as plans
 from harness.run.experiment import load_experiment
-from harness.run.plan import describe, prepare
+from harness.run.plan import describe, prepare, source_commit
+from tests.disk import write_text
 
 
 def test_names_by_the_sources_ids_are_doubted_where_a_network_numbers_the_masks() -> None:
@@ -46,3 +49,26 @@ def test_a_clips_content_is_digested_once_for_the_plan_and_the_cache(
     cache = open_cache(Store(tmp_path, 10**9), "studio_table", one.clip, plan.experiment.configurations, one.digest)
     assert asked == [one.clip]
     assert {identity.parts["clip sha256"] for identity in cache.identities.values()} == {described}
+
+
+def test_the_commit_is_read_without_writing_to_the_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another git command may run there, and a process that is killed would leave a lock behind."""
+
+    def git(*words: str) -> str:
+        author = ("-c", "user.name=ann", "-c", "user.email=ann@example.org")
+        return subprocess.run(["git", *author, *words], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+
+    monkeypatch.setattr(plans, "__file__", str(tmp_path / "harness" / "run" / "plan.py"))
+    assert source_commit() is None
+    file = write_text(tmp_path / "harness" / "run" / "plan.py", "one\n")
+    git("init", "--quiet")
+    git("add", ".")
+    git("commit", "--quiet", "-m", "one")
+    commit = git("rev-parse", "HEAD").strip()
+    index = (tmp_path / ".git" / "index").read_bytes()
+    write_text(file, "one\n")  # of the same content, but another time than that in the index
+    write_text(tmp_path / "notes.txt", "not of the source\n")
+    assert source_commit() == commit
+    assert (tmp_path / ".git" / "index").read_bytes() == index
+    write_text(file, "two\n")
+    assert source_commit() == f"{commit}-dirty"
