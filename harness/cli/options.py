@@ -51,10 +51,10 @@ def clip_and_family_names(incomplete: str) -> list[str]:
 
 def experiment_and_clip_names(incomplete: str) -> list[str]:
     """Experiments, clips and families of clips by name."""
-    from harness.files.folders import names
+    from harness.files.folders import OTHER_RUNS, names
 
     return [
-        *_matching(["benchmark", "paper_cases", *names("experiments")], incomplete),
+        *_matching([*OTHER_RUNS, *names("experiments")], incomplete),
         *clip_and_family_names(incomplete),
     ]
 

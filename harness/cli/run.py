@@ -118,11 +118,12 @@ def run(
         _run_paper_cases(out)
         return
     from harness.cli.terminal import frames_bar, print_scores
+    from harness.files.folders import OTHER_RUNS
     from harness.report.experiment_run import run_whole
     from harness.report.write import rescore
 
-    named, more = what or [_only_experiment()], ("benchmark", "paper_cases")
-    experiment = experiment_of(named, tuple(clips or ()), tuple(overrides or ()), preset, more=more)
+    named = what or [_only_experiment()]
+    experiment = experiment_of(named, tuple(clips or ()), tuple(overrides or ()), preset, more=OTHER_RUNS)
     if annotator:
         experiment = replace(experiment, annotator=annotator, given=experiment.given | {"annotator"})
     store = None if no_cache else open_store(cache)
@@ -260,11 +261,17 @@ def experiment_of(
 ) -> Experiment:
     """The experiment: one by name or file, or the default one on the named clips; messages name ``more``, too."""
     from harness.clips.families import clip_files, families, is_pattern
-    from harness.files.folders import names
+    from harness.files.folders import find, is_run_of_program, names
     from harness.run.experiment import is_experiment, load_experiment
     from vfoa.errors import VfoaError, did_you_mean
 
     if len(what) == 1 and is_experiment(what[0]):
+        clip = find("datasets", what[0])
+        if clip is not None and not clips and is_run_of_program(what[0]):
+            raise VfoaError(
+                f"{clip}: found the name of an experiment of vfoa; expected another name of this clip, or vfoa run "
+                f"default --clip {what[0]}"
+            )
         return load_experiment(what[0], clips=clips, overrides=overrides, preset=preset)
     if both := [name for name in what if is_experiment(name)]:
         raise VfoaError(f"expected one experiment, or clips; found {' '.join(what)} ({both[0]!r} is an experiment)")

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from harness.clips.camera import camera_notes, camera_problems
 from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest, unknown_categories
-from harness.files.folders import find
+from harness.files.folders import find, is_run_of_program
 from harness.files.io import read_text, write_together
 from harness.files.parsing import parse_toml, toml_key, toml_value
 from harness.labels.files import VERSION_LINE, format_annotations
@@ -222,8 +222,8 @@ def add_clip(
     ------
     VfoaError
         If no or several readings fit (the message lists them and the option that decides), no calibration was
-        found or given, the first pair cannot be read, a clip of this name exists, or a file cannot be written.
-        No file is left behind then.
+        found or given, the first pair cannot be read, a clip or an experiment of vfoa has this name, or a file cannot
+        be written. No file is left behind then.
     """
     path = Path(os.path.abspath(os.path.expanduser(path)))  # without .., but with links as they are named
     chosen, recognised = recognise(path, adapter, source or {})
@@ -292,7 +292,7 @@ def distinct_names(paths: Sequence[str]) -> dict[str, str | None]:
 
 
 def _free_paths(name: str, bare: str | None) -> tuple[Path, Path]:
-    """Return the paths of the two files, after checking that no clip of that name exists.
+    """Return the paths of the two files, after checking that ``vfoa run NAME`` can only be this clip.
 
     ``bare`` is the manifest's text without people and objects: a clip that has it can be added again with them.
     """
@@ -302,6 +302,8 @@ def _free_paths(name: str, bare: str | None) -> tuple[Path, Path]:
     for what, taken in (("a clip", clip_files().get(name)), ("labels", find("annotations", name))):
         if taken is not None and not _is_left_over(taken):
             raise VfoaError(f"{taken}: found {what} of this name; expected another name: --name NAME")
+    if is_run_of_program(name):
+        raise VfoaError(f"{paths[0]}: vfoa run {name} is an experiment of vfoa; expected another name: --name NAME")
     return paths
 
 

@@ -135,6 +135,15 @@ def find(kind: Kind, name: str) -> Path | None:
     return next((path for path in candidates if is_file_or_link(path)), None)
 
 
+OTHER_RUNS = "benchmark", "paper_cases"
+"""What ``vfoa run`` runs that is no file of an experiment."""
+
+
+def is_run_of_program(name: str) -> bool:
+    """Whether ``vfoa run NAME`` runs what came with the program, not an experiment of the working directory."""
+    return name in OTHER_RUNS or find("experiments", name) == _PACKAGE / "experiments" / f"{name}.toml"
+
+
 def names(kind: Kind) -> dict[str, Path]:
     """All files of this kind by name, sorted; if two folders have the same name, the one that :func:`find` returns."""
     paths: dict[str, Path] = {}

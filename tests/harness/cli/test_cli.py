@@ -15,6 +15,7 @@ from harness.pipeline.weights import catalogue
 from scripts.site_pages import commands_page
 from tests.command import vfoa
 from tests.disk import labels_text, picture, sintel_scene, stereo_pair_folder, write_image, write_text
+from vfoa.errors import VfoaError
 
 HEAVY = ("cv2", "open3d", "onnxruntime", "rerun", "pandas", "scipy", "filterpy", "matplotlib")
 
@@ -122,6 +123,19 @@ def test_a_run_of_one_clip_bears_its_name() -> None:
     assert experiment_of(["studio_table"], (), (), None).name == "studio_table"
     assert experiment_of(["studio_table", "studio_talk"], (), (), None).name == "default"
     assert experiment_of(["demo"], ("studio_table",), (), None).name == "demo"
+
+
+def test_a_clip_is_not_passed_over_for_an_experiment_of_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _clip(tmp_path, "stereo_folder", tmp_path, FOLDER)
+    clip = (tmp_path / "datasets" / "mine.toml").rename(tmp_path / "datasets" / "demo.toml")
+    with pytest.raises(VfoaError, match=rf"{re.escape(str(clip))}: .*vfoa run default --clip demo"):
+        experiment_of(["demo"], (), (), None)
+    shipped = experiment_of(["demo"], ("studio_talk",), (), None).where
+    own = write_text(tmp_path / "experiments" / "demo.toml", Path(shipped).read_text(encoding="utf-8"))
+    assert experiment_of(["demo"], (), (), None).where == str(own)
 
 
 def _wrong_path(folder: Path) -> None:

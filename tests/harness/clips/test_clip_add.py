@@ -53,6 +53,13 @@ def test_a_name_that_the_check_would_refuse_is_refused_and_nothing_is_written(tm
     assert not Path("annotations/mine.csv").exists()
 
 
+@pytest.mark.parametrize("name", ["demo", "people", "benchmark"])
+def test_no_clip_gets_a_name_under_which_vfoa_run_runs_something_else(tmp_path: Path, name: str) -> None:
+    with pytest.raises(VfoaError, match=rf"{name}\.toml: vfoa run {name} .*--name NAME"):
+        vfoa("add", scene_folder(tmp_path), "--name", name)
+    assert not Path("datasets").exists()
+
+
 def test_several_paths_are_clips_of_their_own(tmp_path: Path) -> None:
     for person in ("p01", "p02"):
         images(tmp_path / person / "rec", "left/{}.png", "right/{}.png")
