@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -66,7 +67,7 @@ def test_the_commit_is_read_without_writing_to_the_checkout(tmp_path: Path, monk
     git("commit", "--quiet", "-m", "one")
     commit = git("rev-parse", "HEAD").strip()
     index = (tmp_path / ".git" / "index").read_bytes()
-    write_text(file, "one\n")  # of the same content, but another time than that in the index
+    os.utime(file, (1_700_000_000, 1_700_000_000))  # the same content, but another time than that in the index
     write_text(tmp_path / "notes.txt", "not of the source\n")
     assert source_commit() == commit
     assert (tmp_path / ".git" / "index").read_bytes() == index
