@@ -43,7 +43,7 @@ from harness.sources.measured.motion_capture import (
     check_heads,
     poses_in,
 )
-from harness.sources.recordings.clip import is_of_poses, notes_on_files, open_container
+from harness.sources.recordings.clip import is_of_poses, notes_on_clock, notes_on_files, open_container
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import MessageType, fields_of, reading
 from harness.sources.recordings.topics import Place
@@ -131,6 +131,7 @@ class RosPosesClip(MotionCaptureClip):
             notes=(
                 *losses,
                 *notes_on_files(ends, container.files),
+                *(_clock_notes(tree.used) if settings.stamps == "header" else ()),
                 *_apart({name: trajectories[key] for name, key in chosen.items()}),
                 *(f"{name}: sent once: taken to be at rest" for name in once),
             ),
@@ -141,13 +142,14 @@ class RosPosesClip(MotionCaptureClip):
 class _Trajectory:
     """All poses of one body or coordinate frame: rows x, y, z, w and place, m, and their times, ns.
 
-    ``parents`` are the frames of these poses; expected is one.
+    ``files`` are the indexes of the files that they are from; ``parents`` the frames of these poses, expected is one.
     """
 
     where: str
     is_static: bool
     is_estimate: bool = False
     stamps_ns: list[int] = field(default_factory=list)
+    files: list[int] = field(default_factory=list)
     cells: list[list[float]] = field(default_factory=list)
     parents: dict[str, None] = field(default_factory=dict)
 
@@ -161,11 +163,12 @@ class _Trajectory:
         """The median time between two poses."""
         return float(np.median(np.diff(self.in_order[0])))
 
-    def add(self, parent: str, stamp_ns: int, cells: list[float]) -> None:
+    def add(self, file: int, parent: str, stamp_ns: int, cells: list[float]) -> None:
         """Add one pose; of those that are static the last one holds."""
         if self.is_static:
-            self.stamps_ns, self.cells = [], []
+            self.files, self.stamps_ns, self.cells = [], [], []
         self.parents[parent] = None
+        self.files.append(file)
         self.stamps_ns.append(stamp_ns)
         self.cells.append(cells)
 
@@ -203,7 +206,7 @@ def _trajectories(
                     key, _Trajectory(where if child is None else f"{where}: {child}", is_static, _is_estimate(kind))
                 )
                 if trajectory.is_static == is_static:
-                    trajectory.add(parent, stamp_ns if stamps == "header" else log_ns, cells)
+                    trajectory.add(file, parent, stamp_ns if stamps == "header" else log_ns, cells)
     if not trajectories:
         raise VfoaError(f"{path}: no pose can be read{': ' * bool(losses)}{'; '.join(losses[:3])}")
     return trajectories, [end for both in ends.values() for end in both]
@@ -239,6 +242,12 @@ def _poses_of(kind: MessageType, data: bytes, where: str) -> Iterator[tuple[str 
 
 def _plain(frame: object) -> str:
     return composed(str(frame)).removeprefix("/")  # tf's old names began with a slash
+
+
+def _clock_notes(trajectories: Sequence[_Trajectory]) -> list[str]:
+    """A note on the first trajectory whose clock was set back: most often it is the clock of all."""
+    notes = (notes_on_clock(each.where, zip(each.files, each.stamps_ns, strict=True)) for each in trajectories)
+    return next(filter(None, notes), [])
 
 
 def _apart(bodies: Mapping[str, _Trajectory]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -45,9 +45,6 @@ _NOTED_NS = 1e6
 
 _APART_S = 10.0
 """Longest time between two parts of one recording."""
-
-_REORDERED = 3
-"""Most images in a row that a recorder's threads write behind a later one."""
 
 
 FramePlaces = Sides[Place]
@@ -104,21 +101,29 @@ def notes_on_files(places: Sequence[Place], files: Sequence[Path]) -> list[str]:
     return notes
 
 
-def notes_on_clock(topic: Topic) -> list[str]:
-    """A note if a camera's clock was set back while a file was written: frames of two times are then mixed."""
+def notes_on_clock(name: str, stamps: Iterable[tuple[int, int]], most_in_a_row: int = 3) -> list[str]:
+    """A note if the clock was set back while a file was written: messages of two times are then mixed.
+
+    Parameters
+    ----------
+    stamps
+        Of each message of a topic, in the order of writing: the file's index and the stamp, ns.
+    most_in_a_row
+        Most messages in a row that a recorder's threads write behind a later one.
+    """
     latest_ns: dict[int, int] = {}
     late, in_a_row, back_ns = 0, [0], 0
-    for place in sorted(topic.places, key=lambda place: (place.file, place.offset, place.place)):
-        before_ns = latest_ns.get(place.file, place.stamp_ns)
-        latest_ns[place.file] = max(before_ns, place.stamp_ns)
-        is_late = place.stamp_ns < before_ns
-        late, back_ns = late + is_late, max(back_ns, before_ns - place.stamp_ns)
+    for file, stamp_ns in stamps:
+        before_ns = latest_ns.get(file, stamp_ns)
+        latest_ns[file] = max(before_ns, stamp_ns)
+        is_late = stamp_ns < before_ns
+        late, back_ns = late + is_late, max(back_ns, before_ns - stamp_ns)
         in_a_row.append(in_a_row[-1] + 1 if is_late else 0)
-    if max(in_a_row) <= _REORDERED:
+    if max(in_a_row) <= most_in_a_row:
         return []
     return [
-        f"{topic.name}: {late} images were recorded after images with later stamps, by up to {back_ns / 1e9:g} s: was "
-        'the clock set back? Frames are in the order of stamps; stamps = "log" in [source] takes that of recording'
+        f"{name}: {late} messages were recorded after ones with later stamps, by up to {back_ns / 1e9:g} s: was the "
+        'clock set back? Frames are in the order of stamps; stamps = "log" in [source] takes that of recording'
     ]
 
 
@@ -220,7 +225,7 @@ class RecordingClip:
         self.notes = (
             *(*index.losses, *paired, *unused_pairs(topics, self._streams), *unused_depth(topics, self._streams)),
             *notes_on_files(self._streams.left.places, self._container.files),
-            *(notes_on_clock(self._streams.left) if settings.stamps == "header" else ()),
+            *self._clock_notes(),
             *(*self._optics.notes, *counted),
             *([by_log] if settings.stamps == "log" else []),
         )
@@ -288,6 +293,13 @@ class RecordingClip:
         counts_per_m = round(1 / unit_m, 3)
         is_mm = counts_per_m == MILLIMETRES
         return counts_per_m, () if is_mm else (f"{depth.name}: {counts_per_m:g} counts a metre, as the recording says",)
+
+    def _clock_notes(self) -> list[str]:
+        if self._settings.stamps == "log":
+            return []
+        left = self._streams.left
+        written = sorted(left.places, key=lambda place: (place.file, place.offset, place.place))
+        return notes_on_clock(left.name, ((place.file, place.stamp_ns) for place in written))
 
     def _of_topic(self, topic: Topic, place: Place) -> str:
         return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"

@@ -113,7 +113,7 @@ def test_a_clock_that_was_set_back_while_recording_is_noted(tmp_path: Path) -> N
     set_back = [*((n, n) for n in range(1, 11)), *((n - 5, n) for n in range(11, 21))]
     path = written_in_order(tmp_path / "a.mcap", set_back)
     (note,) = (note for note in open_clip(path).notes if "set back" in note)
-    assert note.startswith("/left/image: 4 images ")
+    assert note.startswith("/left/image: 4 messages ")
     assert "by up to 0.16 s" in note
     clip = open_clip(path, stamps="log")
     assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in range(1, 21)]

@@ -159,6 +159,26 @@ def test_trackers_of_their_own_share_frames_at_their_rate(tmp_path: Path) -> Non
             assert place[0] == pytest.approx(time_s, abs=0.011)
 
 
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_clock_that_was_set_back_while_recording_is_noted(kind: Format, tmp_path: Path) -> None:
+    """Poses of two times are mixed by their stamps; the log has the order in which they were measured."""
+
+    def fill(write: Messages) -> None:
+        for step in range(20):
+            stamp_ns = START_NS + (step - 8 * (step >= 10)) * STEP_NS
+            for name in ("anna", "cup"):
+                place = [step, 0, 1]
+                write.pose(f"/{name}/pose", stamp_ns, "world", place, STILL, log_ns=START_NS + step * STEP_NS)
+
+    path = record(tmp_path, fill, kind)
+    (note,) = (note for note in opened(path).notes if "set back" in note)
+    assert "/anna/pose: 7 messages " in note
+    assert "by up to 0.07 s" in note
+    clip = opened(path, stamps="log")
+    assert [center(clip.scene(number), "cup")[0] for number in clip.frames] == [*range(20)]
+    assert not any("set back" in note for note in clip.notes)
+
+
 def test_messages_that_arrive_late_are_of_one_frame(tmp_path: Path) -> None:
     """The cup is sent 4 ms after anna in the same frames, and recorded before her."""
 
