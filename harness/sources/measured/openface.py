@@ -112,7 +112,7 @@ def read_openface(path: Path) -> FaceTable:
     ------
     VfoaError
         For the first mistake, with file and line: a missing column, a cell that is no number, a frame below 0, or a
-        place that is not finite.
+        place that is not finite; or if no row counts.
     """
     faces: dict[int, list[Face]] = {}
     stamps_s: dict[int, float] = {}
@@ -142,6 +142,10 @@ def read_openface(path: Path) -> FaceTable:
         of_frame = faces.setdefault(frame, [])
         if success == 1 and confidence >= LEAST_CONFIDENCE:
             of_frame.append(_face(numbers, path, line, confidence))
+    if not any(faces.values()):
+        raise VfoaError(
+            f"{path}: no row counts; expected some with success 1 and a confidence from {LEAST_CONFIDENCE} on"
+        )
     return FaceTable(
         faces={frame: tuple(of_frame) for frame, of_frame in sorted(faces.items())},
         stamps_s=stamps_s,
@@ -231,8 +235,6 @@ class OpenFaceClip(FramesOfMeasurements):
 
 def _times_ns(table: FaceTable, rate_hz: float | None, path: Path) -> dict[int, int]:
     """Time of every frame from the first to the last row, ns: a frame without a face may have no row."""
-    if not table.faces:
-        return {}
     numbers = range(min(table.faces), max(table.faces) + 1)
     if len(numbers) > _MOST_FRAMES:
         raise VfoaError(
@@ -256,7 +258,7 @@ def _named(faces: Mapping[int, Sequence[Face]]) -> dict[int, list[MeasuredPerson
 
     Where no frame has more than one face, all are of one person.
     """
-    reach_m = math.inf if max(map(len, faces.values()), default=0) == 1 else _REACH_M
+    reach_m = math.inf if max(map(len, faces.values())) == 1 else _REACH_M
     last_m: list[Float] = []
     named: dict[int, list[MeasuredPerson]] = {}
     for number, of_frame in faces.items():

@@ -144,6 +144,12 @@ def test_what_openface_did_not_find_is_missing_and_its_frame_stays(tmp_path: Pat
     assert np.diff([clip.time_ns(number) for number in clip.frames]) == pytest.approx(4e7)
 
 
+@pytest.mark.parametrize("rows", [[], [row(1, success=0), row(2, confidence=0.5)]])
+def test_a_table_without_a_face_that_counts_is_refused(tmp_path: Path, rows: list[dict[str, float]]) -> None:
+    with pytest.raises(VfoaError, match=r"faces\.csv: no row .*success 1 .*0\.8"):
+        opened(tmp_path, rows)
+
+
 def test_people_are_told_by_place_and_not_by_the_number_of_the_face(tmp_path: Path) -> None:
     rows = [
         *(row(1, 400, face=0), row(1, -400, face=1)),
