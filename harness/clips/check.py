@@ -22,6 +22,7 @@ from harness.clips.matching import (
     near_notes,
     right_offset,
 )
+from harness.labels.drawn_shapes import Drawn, Place
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
 from vfoa.errors import VfoaError, counted
@@ -274,7 +275,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     disparity_px = float(np.median(offsets[:, 0])) if is_matched else 0.0
     error_px = _rows_apart_px(offsets) if is_matched else 0.0
     few = f"{len(offsets)} points were matched between left and right; rectification is checked from {MIN_MATCHES} on"
-    _, drawn_problems = attempt(lambda: manifest.drawn(clip.frames))
+    drawn, drawn_problems = attempt(lambda: manifest.drawn(clip.frames))
     return ClipCheck(
         name=manifest.name,
         frames=len(clip.frames),
@@ -303,7 +304,27 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             *_matching_problems(error_px, disparity_px),
             *label_problems,
             *drawn_problems,
+            *_unseen_problems(drawn, (rig.width_px, rig.height_px)),
         ),
+    )
+
+
+def _unseen_problems(drawn: Drawn | None, size_px: tuple[int, int]) -> Iterator[str]:
+    """Drawn shapes that no key frame shows in the image: of pictures of another size, or not in pixels."""
+    for track in drawn.tracks if drawn else ():
+        if not any(_is_seen(key.place, size_px) for key in track.keys if not key.outside):
+            yield (
+                f"drawn: the {track.kind} of {track.name!r} covers no whole pixel of the image in any key frame; "
+                f"expected pixels of the left image of {size_px[0]} x {size_px[1]}"
+            )
+
+
+def _is_seen(place: Place, size_px: tuple[int, int]) -> bool:
+    """Whether the image shows a point, or a pixel or more of a box in both directions."""
+    first, last = place[:2], place[-2:]
+    least_px = 0 if len(place) == 2 else 1
+    return all(
+        min(end, size) - max(begin, 0) >= least_px for begin, end, size in zip(first, last, size_px, strict=True)
     )
 
 

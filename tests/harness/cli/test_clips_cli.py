@@ -212,6 +212,30 @@ def test_a_bad_clip_fails_with_one_line(tmp_path: Path, change: dict[str, str], 
     assert "\n" not in problems[0]
 
 
+@pytest.mark.parametrize(
+    ("rows", "unseen"),
+    [
+        (["1,bird,box,200,20,260,60,"], ["bird"]),  # of pictures twice as wide
+        (["1,bird,box,0.1,0.2,0.4,0.6,"], ["bird"]),  # shares of width and height
+        (["1,bird,box,20,20,60,60,1"], ["bird"]),
+        (["1,bird,point,20,150,,,", "1,girl,head,20,20,60,60,"], ["bird"]),
+        (["1,bird,box,-50,20,-10,60,", "3,bird,box,-10,20,30,60,"], []),  # it comes in
+        (["1,bird,point,192,144,,,", "1,girl,head,150,100,260,200,"], []),
+    ],
+)
+def test_a_drawn_shape_that_the_images_do_not_show_is_a_problem(
+    tmp_path: Path, rows: list[str], unseen: list[str]
+) -> None:
+    _clip(tmp_path)
+    header = "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
+    write_text(tmp_path / "annotations" / "wall.drawn.csv", header + "".join(f"{row}\n" for row in rows))
+    problems = _check("wall")[1]["problems"]
+    assert isinstance(problems, list)
+    assert [re.findall(r"drawn: the \w+ of '(\w+)' .*192 x 144", problem) for problem in problems] == [
+        [name] for name in unseen
+    ]
+
+
 def test_a_baseline_whose_unit_is_said_passes(tmp_path: Path) -> None:
     far = MANIFEST.replace("0.1", "1.5")
     _clip(tmp_path, manifest=far)
