@@ -145,9 +145,11 @@ def _no_object(run: _Run) -> Iterator[str]:
 
 def _target_not_segmented(run: _Run) -> Iterator[str]:
     if run.has_images:
-        yield "give the target a category that the model finds ([targets.NAME] in the manifest)"
-        is_drawn = all(run.values("drawn", "targets"))
-        use = "" if is_drawn else ", then use the drawing (--set drawn.targets=true)"
+        is_drawn_alone = set(run.values("segmentation", "model")) == {"drawn"}
+        if not is_drawn_alone:
+            yield "give the target a category that the model finds ([targets.NAME] in the manifest)"
+        is_used = is_drawn_alone or all(run.values("drawn", "targets"))
+        use = "" if is_used else ", then use the drawing (--set drawn.targets=true)"
         yield f"draw it on some frames (vfoa annotate CLIP, key p){use}"
         yield 'take another model, or masks of your own (segmentation.model = "id_maps")'
     else:

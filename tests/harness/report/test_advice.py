@@ -167,3 +167,11 @@ def test_cones_are_advised_that_differ_from_those_used_in_the_named_direction(
     for error_type, expected in (("no_hit", wider), ("missed", wider), ("false_attention", narrower)):
         options = _OPTION.findall(" ".join(advice(error_type, configurations)))
         assert [option for option in options if ".cones_" in option] == expected, error_type
+
+
+def test_where_everything_is_drawn_no_model_is_to_find_the_target() -> None:
+    drawn = _plain(_load("default", overrides=("segmentation.model=drawn", "drawn.targets=false")), "default")
+    steps = advice("target_not_segmented", drawn)
+    assert steps[0].endswith("(vfoa annotate CLIP, key p)")
+    assert "category" not in " ".join(steps)
+    assert advice("target_not_segmented", _plain(_load("default"), "default"))[1] == steps[0]
