@@ -225,7 +225,7 @@ class RecordingClip:
         self.notes = (
             *(*index.losses, *paired, *unused_pairs(topics, self._streams), *unused_depth(topics, self._streams)),
             *notes_on_files(self._streams.left.places, self._container.files),
-            *self._clock_notes(),
+            *(self._notes_on_stamps() if settings.stamps == "header" else ()),
             *(*self._optics.notes, *counted),
             *([by_log] if settings.stamps == "log" else []),
         )
@@ -294,12 +294,11 @@ class RecordingClip:
         is_mm = counts_per_m == MILLIMETRES
         return counts_per_m, () if is_mm else (f"{depth.name}: {counts_per_m:g} counts a metre, as the recording says",)
 
-    def _clock_notes(self) -> list[str]:
-        if self._settings.stamps == "log":
-            return []
+    def _notes_on_stamps(self) -> list[str]:
         left = self._streams.left
         written = sorted(left.places, key=lambda place: (place.file, place.offset, place.place))
-        return notes_on_clock(left.name, ((place.file, place.stamp_ns) for place in written))
+        notes = notes_on_clock(left.name, ((place.file, place.stamp_ns) for place in written))
+        return notes + [note for video in self._videos.values() for note in video.notes()]
 
     def _of_topic(self, topic: Topic, place: Place) -> str:
         return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"

@@ -8,6 +8,7 @@ from threading import Lock
 from typing import Any
 
 import av
+import numpy as np
 
 from harness.sources.media.film import DECODING, RgbConverter
 from harness.sources.media.images import MOST_PIXELS
@@ -37,6 +38,10 @@ def _decoder(form: str, where: str) -> Any:
     if (codec := codec_of(form)) is None:
         raise VfoaError(f"{where}: found a video in {form!r}; expected h264, h265, vp9 or av1")
     return av.CodecContext.create("libdav1d" if codec == "av1" else codec, "r")  # FFmpeg's av1 needs a graphics card
+
+
+_GAP_STEPS = 1.75
+"""Least steps (median) between the stamps of two images of which one in between may be lost."""
 
 
 _WAITING = 16
@@ -106,6 +111,29 @@ class VideoDecoder:
             raise VfoaError(
                 f"{self._where}: packet {number + 1} gives no frame: it is damaged, or one before it is lost"
             )
+
+    def notes(self) -> list[str]:
+        """A note on the images that follow a gap of the video's stamps, without a key frame between.
+
+        If a packet was lost there (over a network, or in a damaged part of the file), most decoders give images all the
+        same, which are wrong up to the next key frame.
+        """
+        packets, topic = sorted(self._topic.packets), self._topic
+        if len(packets) < 2 or not topic.type.has_stamps:  # an SDK loses images, but no packets
+            return []
+        steps_ns = np.diff([place.stamp_ns for place, _ in packets])
+        are_gaps = (steps_ns > _GAP_STEPS * np.median(steps_ns)).tolist()
+        is_doubtful, doubtful = False, set[Place]()
+        for is_gap, (place, is_key) in zip(are_gaps, packets[1:], strict=True):
+            is_doubtful = not is_key and (is_doubtful or is_gap)
+            if is_doubtful:
+                doubtful.add(place)
+        if not (count := len(doubtful.intersection(topic.places))):
+            return []
+        return [
+            f"{topic.name}: {count} of {len(topic.places)} images follow a gap of the video's stamps without a key "
+            "frame between: they are damaged if packets were lost there"
+        ]
 
     def _reset(self) -> None:
         self._codec: Any = None

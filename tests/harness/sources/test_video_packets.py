@@ -189,3 +189,28 @@ def test_a_damaged_packet_costs_its_frames_and_no_others(tmp_path: Path, damage:
         clip.frame(13)
     assert_is(clip.frame(9).left, 8)
     assert_is(clip.frame(22).left, 21)
+
+
+@pytest.mark.parametrize(("lost", "doubtful"), [(3, 6), (12, 7), (9, 0), (24, 0)])
+def test_images_after_a_lost_packet_are_counted(tmp_path: Path, lost: int, doubtful: int) -> None:
+    """The decoder of H.264 guesses them up to the next key frame, of which there is one in ten."""
+    packets = coded("h264")
+    clip = open_clip(write_sdk(tmp_path / "a.mcap", "h264", packets[:lost] + packets[lost + 1 :]))
+    wrong = [
+        number
+        for number in clip.frames
+        if np.abs(clip.frame(number).left.astype(int) - IMAGES[(clip.time_ns(number) - START_NS) // STEP_NS]).mean() > 3
+    ]
+    assert len(wrong) == doubtful
+    assert [note.startswith(f"/rgb/video: {doubtful} of 24 images ") for note in clip.notes] == [True] * (doubtful > 0)
+
+
+def test_only_images_of_the_part_are_counted_after_a_lost_packet(tmp_path: Path) -> None:
+    packets = coded("h264")
+    path = write_sdk(tmp_path / "a.mcap", "h264", packets[:12] + packets[13:])
+    notes = [open_clip(path, start_s=start_s, end_s=0.72).notes for start_s in (0.64, 0.68)]
+    assert [[note.split(" images")[0] for note in each] for each in notes] == [
+        ["/rgb/video: 2 of 2"],
+        ["/rgb/video: 1 of 1"],
+    ]
+    assert open_clip(path, start_s=0.8).notes == ()
