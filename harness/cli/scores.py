@@ -212,14 +212,15 @@ def compare(
         print_json(_as_json(compared))
     else:
         say("\n".join(compared_lines(compared)))
-        comparisons = terminal_comparisons(_best_first(compared.comparisons, [row.name for row in compared.ranked()]))
-        all_of_them = "--json prints all, and --page FILE shows them"
-        print_reports(
-            [
-                first_rows(ranking_table(compared), f"configurations; {all_of_them}"),
-                first_rows(comparisons, f"pairs, the best configurations first; {all_of_them}"),
-            ]
-        )
+        if ranked := compared.ranked():
+            comparisons = terminal_comparisons(_best_first(compared.comparisons, [row.name for row in ranked]))
+            all_of_them = "--json prints all, and --page FILE shows them"
+            print_reports(
+                [
+                    first_rows(ranking_table(compared), f"configurations; {all_of_them}"),
+                    first_rows(comparisons, f"pairs, the best configurations first; {all_of_them}"),
+                ]
+            )
         if page is not None:
             atomic_write(page, render_comparison(compared, report_link(page), where=" and ".join(where or ())))
             say(f"Page: {page}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import combinations, takewhile
 from typing import NamedTuple
@@ -43,9 +44,9 @@ from harness.score.statistics import NO_INTERVAL, SIGNIFICANCE, wilson_interval
 
 _TITLE = "Configurations compared on the same frames"
 _FACTORS = "Factors of the grid compared over all values of the others"
+_POINTS = "Points: difference of the FRR on the common frames."
+_COUNTS = "Better, worse: frames that only the first, only the second gets right."
 _NOTES = (
-    "Points: difference of the FRR on the common frames. Better, worse: frames that only the first, only the second "
-    "gets right.",
     f"p: exact sign-flip test, two-sided, by clip from {LEAST_CLIPS} clips on, by joined look below that; a test by "
     "look speaks of these clips only. Corrected: for the number of comparisons in this table, by Holm's method; "
     f"significant below {100 * SIGNIFICANCE:.0f} %. 95 %: the differences that the corrected test does not reject.",
@@ -71,9 +72,12 @@ def _compared_frames(scores: Scores) -> dict[str, list[ScoredFrames]]:
 
 
 def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
-    """One line for each pair. A common beginning of all names, such as the folder of the only run, is left out."""
+    """One line for each pair, without numbers of frames.
+
+    A common beginning of all names, such as the folder of the only run, is left out.
+    """
     table = comparison_table(comparisons)
-    return table.only(table.columns[:-3])
+    return replace(table.only(table.columns[:-3]), notes=(_POINTS, *_NOTES))
 
 
 def comparison_table(comparisons: Sequence[Comparison], *, title: str = _TITLE) -> Table:
@@ -95,7 +99,7 @@ def comparison_table(comparisons: Sequence[Comparison], *, title: str = _TITLE) 
             for comparison in comparisons
         ),
         words=3,
-        notes=_NOTES,
+        notes=(f"{_POINTS} {_COUNTS}", *_NOTES),
     )
 
 

@@ -225,6 +225,12 @@ def test_what_cannot_be_compared_is_said(tmp_path: Path, arguments: list[str], s
     assert said in str(error)
 
 
+def test_without_labels_there_is_one_line_and_no_table(tmp_path: Path) -> None:
+    runs = [_run(tmp_path / name, 8) for name in ("a", "b")]
+    (tmp_path / "annotations" / "tabletop.csv").write_text(labels_text())
+    assert CliRunner().invoke(app, ["compare", *runs]).stdout == "Nothing is scored: no frame has a label.\n"
+
+
 def test_many_configurations_are_compared_and_planned_in_few_rows_the_best_first(tmp_path: Path) -> None:
     names = [f"c{number}" for number in range(12)]
     records = []

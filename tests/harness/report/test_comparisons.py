@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from harness.report.comparisons import (
+    comparison_table,
     plan_pairs,
     plan_sentence,
     plan_table,
@@ -71,6 +72,12 @@ def test_what_is_significant_says_in_which_direction() -> None:
 def test_configurations_without_a_common_frame_are_not_said_to_be_alike() -> None:
     apart = [replace(_pair("a", "b"), n=0, difference=math.nan, interval=NO_INTERVAL)]
     assert terminal_comparisons(apart).rows[0][2:5] == ("no common frame", UNKNOWN, UNKNOWN)
+
+
+def test_notes_explain_columns_that_are_there() -> None:
+    pairs = [_pair("b", "a", better=9)]
+    for table, counts in ((comparison_table(pairs), True), (terminal_comparisons(pairs), False)):
+        assert ("Better" in table.columns, any("Better" in note for note in table.notes)) == (counts, counts)
 
 
 def test_identical_configurations_have_no_interval() -> None:
