@@ -77,8 +77,7 @@ class PairCameras:
         streams, _, settings, where = self._recording = recording
         assert streams.right is not None
         pair = streams.left, streams.right
-        # the names of ROS's image_proc
-        are_rect = all("image_rect" in topic.name for topic in pair)
+        are_rect = all(topic.is_called_rectified for topic in pair)
         self._rectified = are_rect if settings.rectified is None else settings.rectified
         self.notes: tuple[str, ...] = ()
         self._for_all_times: Rectifier | None = None
@@ -351,7 +350,7 @@ class DepthCamera:
 
     def _is_rectified(self, topic: Topic) -> bool:
         # depth_registered, of ZED and image_proc, belongs to rectified colour
-        is_rect = "image_rect" in topic.name or topic.name.endswith("depth_registered")
+        is_rect = topic.is_called_rectified or topic.name.endswith("depth_registered")
         return is_rect if self._settings.rectified is None else self._settings.rectified
 
     def _optics_of(self, topic: Topic, stamp_ns: int, image: Image | Map) -> DepthOptics:

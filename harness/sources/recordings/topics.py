@@ -23,6 +23,8 @@ from vfoa.settings import Settings
 
 Item = TypeVar("Item")
 
+_RECTIFIED = re.compile("(?:^|[/_])rect(?:ified)?(?![a-z])")
+
 
 class Place(NamedTuple):
     """Position of one message: time stamp, file's index, and two numbers by which its container finds it there."""
@@ -64,6 +66,11 @@ class Topic:
     def frame_id(self) -> str:
         """The coordinate frame of its messages; empty if they do not say."""
         return "" if self.header is None else self.header.frame_id
+
+    @property
+    def is_called_rectified(self) -> bool:
+        """Whether its name says that its images are rectified: ``image_rect_color``, ``rect/image``, ``rectified``."""
+        return bool(_RECTIFIED.search(self.name))
 
     def __str__(self) -> str:
         return f"{self.name} ({self.type.name}, {counted(self.count, 'message')})"
@@ -134,8 +141,7 @@ def _best_of_each_rig(pairs: Iterable[tuple[Topic, Topic]]) -> list[tuple[Topic,
 def _worth(most: int, pair: tuple[Topic, Topic]) -> tuple[bool, bool, bool, bool, int]:
     """Rank of a pair among those of its rig, of which one has ``most`` frames; a higher one is better."""
     left, frames = pair[0], _frames_of(pair)
-    is_rectified = bool(_RECTIFIED.search(left.name))
-    return frames >= 0.9 * most, is_rectified, not _is_gray(left), left.type.kind == "raw", frames
+    return frames >= 0.9 * most, left.is_called_rectified, not _is_gray(left), left.type.kind == "raw", frames
 
 
 def _frames_of(pair: tuple[Topic, Topic]) -> int:
@@ -220,9 +226,9 @@ class RecordingSettings(Settings):
     have both views, beside or above each other (``packing``), the left one first. ``depth_scale`` is the number of
     the sensor's counts per metre (if not given, integers are millimetres). Stamps of a frame are at most
     ``tolerance_ms`` apart (2 for a pair, 20 for depth). ``rectified`` says whether the images are rectified already; if
-    not given, those whose topics are called ``image_rect`` are. ``start_s`` and ``end_s`` select a part, in seconds
-    after the recording's first message. ``stamps`` are those of the headers (when an image was taken), or of the log
-    (when it was recorded), for headers that were not set.
+    not given, those are whose topics are called so (``image_rect``, ``rect/image``, ``rectified``). ``start_s`` and
+    ``end_s`` select a part, in seconds after the recording's first message. ``stamps`` are those of the headers (when
+    an image was taken), or of the log (when it was recorded), for headers that were not set.
     """
 
     recording: str = "."
@@ -268,7 +274,6 @@ _ALIGNED = ("aligned_depth_to", "depth_to_rgb", "depth_to_color", "depth_registe
 _REALSENSE_SDK = "/device_"
 _COLOUR = ("color", "colour", "rgb")
 _NO_COLOUR = re.compile(f"{INFRARED}|confidence|thermal|disparity|rgb_to_depth|mask")
-_RECTIFIED = re.compile("(?:^|[/_])rect")
 _TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|video)$")
 
 

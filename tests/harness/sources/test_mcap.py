@@ -233,6 +233,26 @@ def test_images_with_distortion_are_rectified_unless_they_are_already(tmp_path: 
     assert np.array_equal(open_clip(path, rectified=True).frame(1).left, picture(1))
 
 
+@pytest.mark.parametrize(
+    ("name", "is_rectified"),
+    [
+        *(("image_rect", True), ("image_rect_color", True), ("rect/image", True), ("rectified/image_raw", True)),
+        *(("image_raw", False), ("rectilinear/image", False), ("direct/image", False)),
+    ],
+)
+def test_images_that_are_called_rectified_are_not_rectified_again(
+    tmp_path: Path, name: str, is_rectified: bool
+) -> None:
+    """By ROS's convention the calibration beside them has the distortion of the raw images."""
+    with recorder(tmp_path / "a.mcap") as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            record.camera(f"/{side}/camera_info", stamp(1), replace(camera, d=(-0.2, 0.05, 0.001, 0.001, 0.0)))
+            record.picture(f"/{side}/{name}", stamp(1), picture(1))
+    frame = open_clip(tmp_path / "a.mcap").frame(1)
+    assert np.array_equal(frame.left, picture(1)) == is_rectified
+    assert frame.rig.baseline_m == pytest.approx(0.12)
+
+
 def test_the_calibration_may_be_a_file(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with recorder(path) as record:
