@@ -343,6 +343,16 @@ class MissingWeights:
         """Options that choose the stages that can run instead, with the licences of their weights."""
         return [stage.described for stage in self.instead if stage]
 
+    @property
+    def hint(self) -> str:
+        """The end of a message: options with which nothing is missing; empty if a stage has no replacement."""
+        ready = [stage for stage in self.instead if stage]
+        if len(ready) < len(self.instead):
+            return ""
+        licences = sorted({licence for stage in ready for licence in stage.licences})
+        of_ready = f" ({', '.join(licences)})" if licences else ""
+        return f"; or what is here already{of_ready}: {' '.join(stage.options for stage in ready)}"
+
 
 def missing_weights(choices: Iterable[StageChoice], others: Iterable[StageChoice] = ()) -> MissingWeights | None:
     """Return what is missing of the weights that the stages name; None if all are here.
@@ -381,19 +391,17 @@ def locate_weights(
     ------
     VfoaError
         If some are missing. For those of the catalogue, the message gives licence and size, the command that fetches
-        them, and for each stage without its weights another one that can run here.
+        them, and, if each stage without its weights has another one that can run here, the options that choose those.
     """
     choices = list(choices)
     if missing := missing_weights(choices):
         models = (
             f"{name} ({entry.licence}, {entry.size or 'size not known'})" for name, entry in missing.models.items()
         )
-        ready = [stage for stage in missing.instead if stage]
-        licences = sorted({licence for stage in ready for licence in stage.licences})
-        of_ready = f" ({', '.join(licences)})" if licences else ""
-        here = f"; or what is here already{of_ready}: {' '.join(stage.options for stage in ready)}" if ready else ""
         folders = " and ".join(map(str, directories()))
-        raise VfoaError(f"weights missing in {folders}: {', '.join(models)}; expected: {fetch or missing.fetch}{here}")
+        raise VfoaError(
+            f"weights missing in {folders}: {', '.join(models)}; expected: {fetch or missing.fetch}{missing.hint}"
+        )
     named_by = {file: choice for choice in reversed(choices) for file in weights_of(choice.settings)}
     located = {}
     for file, choice in sorted(named_by.items()):

@@ -345,8 +345,9 @@ def test_weights_that_are_missing_are_all_named_with_the_command_that_brings_the
 
 def test_a_missing_network_names_one_that_is_here_and_the_options_it_names_are_taken(tmp_path: Path) -> None:
     wanted = chosen(segmentation={"model": "rf_detr_seg"}, heads={"detector": "yunet"})
+    with pytest.raises(VfoaError, match=r"fetch yunet rf-detr-seg-medium$"):  # heads alone have a replacement
+        locate_weights(wanted)
     for here, options in [
-        (None, ": "),
         (
             "yolov8n-seg",
             " (AGPL-3.0): --set segmentation.model=yolo_seg --set segmentation.weights=yolov8n-seg_int8.onnx ",
@@ -356,8 +357,7 @@ def test_a_missing_network_names_one_that_is_here_and_the_options_it_names_are_t
             " (Apache-2.0): --set segmentation.model=rf_detr_seg --set segmentation.weights=rfdetr-seg-nano.onnx ",
         ),
     ]:
-        if here:
-            (tmp_path / "given" / find_model(here).file).touch()
+        (tmp_path / "given" / find_model(here).file).touch()
         with pytest.raises(VfoaError, match=re.escape(f"already{options}--set heads.detector=person_mask") + "$"):
             locate_weights(wanted)
     (stage,) = (each for each in ready_stages(STAGES["segmentation"]) if each.name == "yolo_seg")
