@@ -127,7 +127,7 @@ def _pairs(images: Iterable[Topic], left: str | None = None, right: str | None =
 
 
 def _best_of_each_rig(pairs: Iterable[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
-    """One pair of each rig, whose topics have the same name before the side: rectified, in colour, uncompressed.
+    """One pair of each rig, whose topics have the same name before the side: not depth, rectified, in colour, raw.
 
     Pairs with a tenth less frames than another one of the rig count less than that.
     """
@@ -138,10 +138,12 @@ def _best_of_each_rig(pairs: Iterable[tuple[Topic, Topic]]) -> list[tuple[Topic,
     return [max(of_rig, key=partial(_worth, max(map(_frames_of, of_rig)))) for of_rig in rigs.values()]
 
 
-def _worth(most: int, pair: tuple[Topic, Topic]) -> tuple[bool, bool, bool, bool, int]:
+def _worth(most: int, pair: tuple[Topic, Topic]) -> tuple[bool | int, ...]:
     """Rank of a pair among those of its rig, of which one has ``most`` frames; a higher one is better."""
     left, frames = pair[0], _frames_of(pair)
-    return frames >= 0.9 * most, left.is_called_rectified, not _is_gray(left), left.type.kind == "raw", frames
+    is_picture = not may_be_depth(left.name, left.header)
+    is_raw = left.type.kind == "raw"
+    return is_picture, frames >= 0.9 * most, left.is_called_rectified, not _is_gray(left), is_raw, frames
 
 
 def _frames_of(pair: tuple[Topic, Topic]) -> int:
@@ -428,7 +430,8 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
 
 def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
     """A note if the rig's images were recorded in other ways, too."""
-    pairs = _pairs(sorted((topic for topic in topics if topic.is_image), key=lambda topic: topic.name))
+    pictures = (topic for topic in topics if topic.is_image and not may_be_depth(topic.name, topic.header))
+    pairs = _pairs(sorted(pictures, key=lambda topic: topic.name))
     if streams.right is None:
         others = [pair[0].name for pair in _best_of_each_rig(pairs)]
         took = "left = and right = in [source] take it instead"

@@ -311,6 +311,20 @@ def test_many_cameras_are_listed_with_type_and_count(tmp_path: Path) -> None:
         open_clip(path, left="/rear/left/image", right="/rear/image")
 
 
+def test_depth_of_two_depth_cameras_is_not_taken_for_their_images(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    depth = np.full((HEIGHT, WIDTH), 1500, "<u2")
+    with recorder(path) as record:
+        for n in (1, 2):
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/rgb/camera_info", stamp(n), camera)
+                record.picture(f"/{side}/rgb/image_raw", stamp(n), picture(n))
+                record.raw(f"/{side}/depth/image_raw", stamp(n), WIDTH, HEIGHT, "16UC1", 2 * WIDTH, depth.tobytes())
+    clip = open_clip(path)
+    assert np.array_equal(clip.frame(2).right, picture(2))
+    assert len(clip.notes) == 1  # that depth was recorded
+
+
 def test_a_recording_without_cameras_names_what_it_has(shared_data: Path) -> None:
     with pytest.raises(VfoaError) as caught:
         open_clip(shared_data / "mcap" / "no_image_topics.mcap")
