@@ -56,7 +56,12 @@ def test_openfaces_heads_and_gazes_are_those_of_the_run(tmp_path: Path, run: Run
     code, said, err = run(*pairs(tmp_path), "--openface", str(table(tmp_path)))
     assert (code, err) == (0, "")
     assert said.splitlines()[-2:] == ["next: vfoa models fetch --for mine", "next: vfoa run mine"]
-    assert models_of(needed_stages(load_experiment("mine"))).keys() == {"rf-detr-seg-medium"}
+    experiment = load_experiment("mine")
+    assert models_of(needed_stages(experiment)).keys() == {"rf-detr-seg-medium"}
+    (own,), (default,) = experiment.configurations, load_experiment("default", clips=("mine",)).configurations
+    assert own.attend == default.attend
+    (cones,) = load_experiment("mine", overrides=("attention.method=cones",)).configurations
+    assert cones.attend.attention.method == "cones"
 
     write_text(Path("annotations/mine.drawn.csv"), DRAWN)
     code, _, err = run("run", "mine", "--set", "segmentation.model=drawn", "--recording", "none", "--workers", "1")
