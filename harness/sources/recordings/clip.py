@@ -35,7 +35,7 @@ from harness.sources.recordings.topics import (
     unused_depth,
     unused_pairs,
 )
-from harness.sources.recordings.video import VideoDecoder
+from harness.sources.recordings.video import MOST_REORDERED, VideoDecoder
 from harness.sources.stereo_pairs import split_views
 from vfoa.errors import VfoaError
 from vfoa.types import Image, Map, StereoFrame
@@ -101,7 +101,11 @@ def notes_on_files(places: Sequence[Place], files: Sequence[Path]) -> list[str]:
     return notes
 
 
-def notes_on_clock(name: str, stamps: Iterable[tuple[int, int]], most_in_a_row: int = 3) -> list[str]:
+FEW_REORDERED = 3
+"""Most messages in a row that a recorder's threads write behind a later one."""
+
+
+def notes_on_clock(name: str, stamps: Iterable[tuple[int, int]], most_in_a_row: int = FEW_REORDERED) -> list[str]:
     """A note if the clock was set back while a file was written: messages of two times are then mixed.
 
     Parameters
@@ -109,7 +113,7 @@ def notes_on_clock(name: str, stamps: Iterable[tuple[int, int]], most_in_a_row: 
     stamps
         Of each message of a topic, in the order of writing: the file's index and the stamp, ns.
     most_in_a_row
-        Most messages in a row that a recorder's threads write behind a later one.
+        Most messages in a row that may be written behind a later one.
     """
     latest_ns: dict[int, int] = {}
     late, in_a_row, back_ns = 0, [0], 0
@@ -297,7 +301,8 @@ class RecordingClip:
     def _notes_on_stamps(self) -> list[str]:
         left = self._streams.left
         written = sorted(left.places, key=lambda place: (place.file, place.offset, place.place))
-        notes = notes_on_clock(left.name, ((place.file, place.stamp_ns) for place in written))
+        most_in_a_row = MOST_REORDERED if left.kind == "video" else FEW_REORDERED
+        notes = notes_on_clock(left.name, ((place.file, place.stamp_ns) for place in written), most_in_a_row)
         return notes + [note for video in self._videos.values() for note in video.notes()]
 
     def _of_topic(self, topic: Topic, place: Place) -> str:

@@ -44,7 +44,7 @@ _GAP_STEPS = 1.75
 """Least steps (median) between the stamps of two images of which one in between may be lost."""
 
 
-_WAITING = 16
+MOST_REORDERED = 16
 """Most decoded frames that wait until they are requested: more than any codec holds back to reorder."""
 
 
@@ -203,5 +203,5 @@ class VideoDecoder:
         if frame.is_corrupt:
             return
         self._frames[frame.pts] = self._rgb(frame)
-        while len(self._frames) > _WAITING:
+        while len(self._frames) > MOST_REORDERED:
             self._frames.pop(next(iter(self._frames)))

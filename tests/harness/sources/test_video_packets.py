@@ -115,10 +115,11 @@ def test_a_seek_into_a_refresh_part_by_part_gives_the_very_pixels_of_reading_in_
         assert np.array_equal(open_clip(path).frame(number + 1).left, image)
 
 
-@pytest.mark.parametrize("encoding", ["libx264", "h264;yuv420p;bgr8"])
-def test_packets_of_ffmpeg_transport_with_reordered_frames(tmp_path: Path, encoding: str) -> None:
+@pytest.mark.parametrize(("encoding", "between"), [("libx264", 3), ("h264;yuv420p;bgr8", 8)])
+def test_packets_of_ffmpeg_transport_with_reordered_frames(tmp_path: Path, encoding: str, between: int) -> None:
     """B frames come after the frames they lie between: stamps, not the order of packets, number the frames."""
-    packets = Encoder("libx264", WIDTH, HEIGHT, {"preset": "medium", "crf": "12", "bf": "3"}).packets(IMAGES)
+    options = {"preset": "medium", "crf": "12", "bf": str(between), "b_strategy": "0"}
+    packets = Encoder("libx264", WIDTH, HEIGHT, options).packets(IMAGES)
     assert [number for number, _, _ in packets] != sorted(number for number, _, _ in packets)
     with messages(tmp_path, "db3") as (path, write):
         write.camera("/rgb/camera_info", START_NS, LENS)
@@ -127,6 +128,7 @@ def test_packets_of_ffmpeg_transport_with_reordered_frames(tmp_path: Path, encod
             taken_ns, sent_ns = stamp(number), stamp(order + 5)
             write.packet("/rgb/image_raw/ffmpeg", taken_ns, encoding, data, is_key=is_key, log_ns=sent_ns)
     clip = open_clip(path, stamps="header")
+    assert not any("set back" in note or "gap" in note for note in clip.notes)
     for number in [*clip.frames, 20, 2, 9]:
         assert_is(clip.frame(number).left, number - 1)
 
