@@ -200,9 +200,13 @@ class Messages:
         sequence = {"seq": 0} if self._is_ros1 else {}
         return self._store.types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=frame)
 
-    def write(self, topic: str, kind: str, log_ns: int, **fields: Any) -> None:
+    def advertise(self, topic: str, kind: str) -> None:
+        """List a topic, whether or not a message follows."""
         if (topic, kind) not in self._connections:
             self._connections[topic, kind] = self._writer.add_connection(topic, kind, typestore=self._store)
+
+    def write(self, topic: str, kind: str, log_ns: int, **fields: Any) -> None:
+        self.advertise(topic, kind)
         message = self._store.types[kind](**fields)
         serialize = self._store.serialize_ros1 if self._is_ros1 else self._store.serialize_cdr
         self._writer.write(self._connections[topic, kind], log_ns, serialize(message, kind))

@@ -209,6 +209,8 @@ class McapContainer:
         for number, path in enumerate(self.files):
             summary, losses = read_summary(path), list[str]()
             chunks = None if window is None else _chunks(path, summary, window)
+            for declared in summary.channels.values():  # also topics whose messages are not read
+                topics.meet(declared.topic, channel_type(declared, summary.schemas.get(declared.schema_id)))
             for offset, place, message in walk_messages(path, summary, losses, chunks):
                 channel = summary.channels.get(message.channel_id)
                 if channel is not None:  # else it was in a chunk that is lost

@@ -101,7 +101,7 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
         )
     if left is not None and right is not None:
         return named(images, left, "left", where), named(images, right, "right", where)
-    pairs = _best_of_each_rig(_pairs(images, left, right))
+    pairs = _best_of_each_rig(_pairs(_with_messages(images), left, right) or _pairs(images, left, right))
     if len(pairs) != 1:
         raise VfoaError(
             f"{where}: {len(pairs)} pairs of image topics named left and right; say left = and right = in [source] "
@@ -109,6 +109,11 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
             f"{listed(images)}"
         )
     return pairs[0]
+
+
+def _with_messages(topics: Iterable[Topic]) -> list[Topic]:
+    """Those that were sent: a recorder lists also what was only advertised."""
+    return [topic for topic in topics if topic.places]
 
 
 def _pairs(images: Iterable[Topic], left: str | None = None, right: str | None = None) -> list[tuple[Topic, Topic]]:
@@ -182,6 +187,7 @@ def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: s
             namespace = namespace.rpartition("/")[0]
             places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
             same_place = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
+            same_place = _with_messages(same_place) or same_place
             if len(same_place) == 1:
                 return same_place[0]
     raise VfoaError(
@@ -430,7 +436,8 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
 
 def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
     """A note if the rig's images were recorded in other ways, too."""
-    pictures = (topic for topic in topics if topic.is_image and not may_be_depth(topic.name, topic.header))
+    images = (topic for topic in _with_messages(topics) if topic.is_image)
+    pictures = (topic for topic in images if not may_be_depth(topic.name, topic.header))
     pairs = _pairs(sorted(pictures, key=lambda topic: topic.name))
     if streams.right is None:
         others = [pair[0].name for pair in _best_of_each_rig(pairs)]

@@ -260,6 +260,26 @@ def test_depth_of_another_camera_is_registered(tmp_path: Path, how: str) -> None
     np.testing.assert_allclose(found[known], expected[known], rtol=0.01)
 
 
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize(
+    "silent",
+    [
+        *(("/rear/left/image_raw", "/rear/right/image_raw"), ("/front/left/image_rect", "/front/right/image_rect")),
+        *(("/front/left/old_info", "/front/right/old_info"), ("/front/depth/image_raw",)),
+    ],
+)
+def test_topics_that_were_never_sent_are_in_nobodys_way(tmp_path: Path, kind: Format, silent: Sequence[str]) -> None:
+    """A recorder lists each topic that it knows, as of a camera that was switched off."""
+    with messages(tmp_path, kind) as (path, write):
+        for topic in silent:
+            write.advertise(topic, f"sensor_msgs/msg/{'CameraInfo' if topic.endswith('info') else 'Image'}")
+        for side in ("left", "right"):
+            write.camera(f"/front/{side}/camera_info", START_NS, LENS)
+            write.image(f"/front/{side}/image_raw", START_NS, moving_picture(1), "rgb8")
+    clip = open_clip(path, baseline_m=0.1)
+    assert (list(clip.frames), clip.frame(1).rig.fx_px, clip.notes) == ([1], 60.0, ())
+
+
 def test_unaligned_depth_without_extrinsics_says_what_is_missing(tmp_path: Path) -> None:
     with messages(tmp_path, "bag") as (path, write):
         write_unaligned(write, depth_mm(1))

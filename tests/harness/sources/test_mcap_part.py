@@ -129,6 +129,19 @@ def test_a_window_is_exact_to_the_nanosecond_and_may_begin_with_the_last_message
     assert [open_clip(path, start_s=0.16).frame(1).time_ns] == [stamp(5)]
 
 
+@pytest.mark.parametrize("options", INDEXES.values(), ids=INDEXES)
+def test_a_part_without_right_images_is_said_so_whatever_was_read(tmp_path: Path, options: dict[str, object]) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path, "protobuf", **options) as record:
+        for n in range(1, 31):
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", stamp(n), camera)
+                if side == "left" or n < 10:
+                    record.picture(f"/{side}/image", stamp(n), picture(n))
+    with pytest.raises(VfoaError, match=r"no two stamps of /left/image .* and /right/image .*0 messages"):
+        open_clip(path, start_s=0.6)
+
+
 def test_a_part_of_nothing_is_one_line(tmp_path: Path) -> None:
     with recorder(tmp_path / "a.mcap"):
         pass
