@@ -9,7 +9,7 @@ import difflib
 import os
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
@@ -369,17 +369,28 @@ def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
     notes = []
     for table, rules in (("subjects", manifest.subjects), ("targets", manifest.targets)):
         for name, rule in rules.items():
-            near = difflib.get_close_matches(rule.category, known, n=1, cutoff=0.75)
-            if rule.category not in known and near:
+            near = _similar(rule.category, known)
+            if near is not None:
                 notes.append(
-                    f"{table}.{name}: no model of COCO's categories knows {rule.category!r}; did you mean {near[0]!r}?"
+                    f"{table}.{name}: no model of COCO's categories knows {rule.category!r}; did you mean {near!r}?"
                 )
     return notes
 
 
+def _similar(category: str, known: Collection[str]) -> str | None:
+    """The known category that is most similar to another word, in capitals or not; None if there is none."""
+    folded = {word.casefold(): word for word in known}
+    near = difflib.get_close_matches(category.casefold(), folded, n=1, cutoff=0.75)
+    return folded[near[0]] if near and category not in known else None
+
+
 def unknown_categories(manifest: ClipManifest) -> list[str]:
     """One note about all targets whose category is not in COCO."""
-    unknown = [f"{name} ({rule.category})" for name, rule in manifest.targets.items() if rule.category not in _COCO]
+    unknown = []
+    for name, rule in manifest.targets.items():
+        if rule.category not in _COCO:
+            near = _similar(rule.category, _COCO)
+            unknown.append(f"{name} ({rule.category}{f'; did you mean {near!r}?' if near else ''})")
     note = (
         f"no model of COCO's categories knows {', '.join(unknown)}: take other masks, or draw: "
         f"vfoa annotate {manifest.name}, key p"

@@ -329,10 +329,14 @@ def test_pictures_of_16_bits_and_of_8_have_no_note(tmp_path: Path) -> None:
     assert not [note for note in _check("wall")[1]["notes"] if "16-bit" in note]
 
 
-def test_a_misspelt_category_is_said(tmp_path: Path) -> None:
-    _clip(tmp_path, manifest=MANIFEST.replace('"person"', '"persn"').replace('"bird"', '"dragon"'))
+@pytest.mark.parametrize(
+    ("written", "meant"), [("persn", "person"), ("Person", "person"), ("TV", "tv"), ("tv", None), ("dragon", None)]
+)
+def test_a_misspelt_category_is_said(tmp_path: Path, written: str, meant: str | None) -> None:
+    _clip(tmp_path, manifest=MANIFEST.replace('category = "bird"', f'category = "{written}"'))
     notes = _check("wall")[1]["notes"]
-    assert notes == ["subjects.girl: no model of COCO's categories knows 'persn'; did you mean 'person'?"]
+    said = f"targets.bird: no model of COCO's categories knows {written!r}; did you mean {meant!r}?"
+    assert notes == ([said] if meant else [])
 
 
 def test_labels_behind_a_broken_link_are_said(tmp_path: Path) -> None:

@@ -301,10 +301,11 @@ def test_an_adapter_of_another_package_takes_part(tmp_path: Path, monkeypatch: p
 
 def test_targets_that_no_model_knows_are_to_be_drawn(tmp_path: Path) -> None:
     recorded = recording(tmp_path / "a.mcap")
-    targets = ("--target", "mug=cup", "--target", "robot")
+    targets = ("--target", "mug=cup", "--target", "robot", "--target", "screen=TV")
     added = vfoa("add", recorded, "--name", "mine", "--subject", "anna", *targets)
     assert added["notes"][-1] == (
-        "no model of COCO's categories knows robot (robot): take other masks, or draw: vfoa annotate mine, key p"
+        "no model of COCO's categories knows robot (robot), screen (TV; did you mean 'tv'?): take other masks, or "
+        "draw: vfoa annotate mine, key p"
     )
     write_text(Path("annotations") / "mine.drawn.csv", "# vfoa drawn 2\n")
     problems = check_clip("mine").problems
