@@ -164,6 +164,16 @@ def channel_type(channel: Channel, schema: Schema | None) -> MessageType:
     return message_type(channel.message_encoding, schema.encoding, schema.name, schema.data)
 
 
+def _declared(summary: Summary) -> dict[int, Channel]:
+    """The channels of a summary whose schema is known: a writer may leave schemas, or both, out of a file's end."""
+    known = {0, *summary.schemas}  # 0: a channel without a schema
+    return {number: channel for number, channel in summary.channels.items() if channel.schema_id in known}
+
+
+def _is_complete(summary: Summary) -> bool:
+    return bool(summary.channels) and len(_declared(summary)) == len(summary.channels)
+
+
 class McapContainer:
     """The files of one MCAP recording (see :class:`harness.sources.recordings.containers.Container`).
 
@@ -177,9 +187,10 @@ class McapContainer:
         """Topics by the summaries; without these, messages are read until they are found."""
         for path in self.files:
             summary, known = read_summary(path), set[int]()
-            messages = () if summary.channels else walk_messages(path, summary, [])
+            messages = () if _is_complete(summary) else walk_messages(path, summary, [])
             for _ in chain([None], messages):
-                for channel in [summary.channels[number] for number in summary.channels.keys() - known]:
+                declared = _declared(summary)
+                for channel in [declared[number] for number in declared.keys() - known]:
                     known.add(channel.id)
                     yield channel.topic, channel_type(channel, summary.schemas.get(channel.schema_id))
 
@@ -209,7 +220,7 @@ class McapContainer:
         for number, path in enumerate(self.files):
             summary, losses = read_summary(path), list[str]()
             chunks = None if window is None else _chunks(path, summary, window)
-            for declared in summary.channels.values():  # also topics whose messages are not read
+            for declared in _declared(summary).values():  # also topics whose messages are not read
                 topics.meet(declared.topic, channel_type(declared, summary.schemas.get(declared.schema_id)))
             for offset, place, message in walk_messages(path, summary, losses, chunks):
                 channel = summary.channels.get(message.channel_id)
@@ -245,12 +256,14 @@ def _chunks(path: Path, summary: Summary, window: range) -> list[int] | None:
 
     Beside those of the window: for each channel of calibrations and poses, the last chunk that ends before the window
     and has one of its messages, since a camera may send its calibration once; all chunks with static transforms, of
-    which every node sends its own. None: all, if there is no index, or if decoding a video begins before the window.
+    which every node sends its own. None: all, if there is no index, or none that says what the channels are, or if
+    decoding a video begins before the window.
     """
     chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
     channels = summary.channels.values()
     kinds = {channel.id: channel_type(channel, summary.schemas.get(channel.schema_id)).kind for channel in channels}
-    if not chunks or "video" in kinds.values() or not all(chunk.message_index_offsets for chunk in chunks):
+    is_indexed = bool(chunks) and all(chunk.message_index_offsets for chunk in chunks)
+    if not is_indexed or not _is_complete(summary) or "video" in kinds.values():
         return None
     compressed = [number for number, kind in kinds.items() if kind == "compressed"]
     if any(_is_video(path, summary, number, chunks) for number in compressed):

@@ -22,6 +22,8 @@ LENS = Lens(width=WIDTH, height=HEIGHT, fx=60.0, cx=31.5, cy=23.5)
 INDEXES = {
     "indexed": {"chunk_size": 4 * WIDTH * HEIGHT},
     "statistics alone": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.NONE},
+    "no schemas at the end": {"chunk_size": 4 * WIDTH * HEIGHT, "repeat_schemas": False},
+    "no channels at the end": {"chunk_size": 4 * WIDTH * HEIGHT, "repeat_channels": False},
     "index of chunks alone": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.CHUNK},
     "nothing": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.NONE, "use_statistics": False},
     "no chunks": {"use_chunking": False, "use_statistics": False},
@@ -140,6 +142,17 @@ def test_a_part_without_right_images_is_said_so_whatever_was_read(tmp_path: Path
                     record.picture(f"/{side}/image", stamp(n), picture(n))
     with pytest.raises(VfoaError, match=r"no two stamps of /left/image .* and /right/image .*0 messages"):
         open_clip(path, start_s=0.6)
+
+
+@pytest.mark.parametrize("options", INDEXES.values(), ids=INDEXES)
+def test_types_of_topics_are_found_wherever_they_are_declared(tmp_path: Path, options: dict[str, object]) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(), "protobuf", **options)
+    assert sorted((topic, kind.name) for topic, kind in McapContainer((path,)).types()) == [
+        ("/stereo/left/camera_info", "foxglove.CameraCalibration"),
+        ("/stereo/left/image_raw", "foxglove.RawImage"),
+        ("/stereo/right/camera_info", "foxglove.CameraCalibration"),
+        ("/stereo/right/image_raw", "foxglove.RawImage"),
+    ]
 
 
 def test_a_part_of_nothing_is_one_line(tmp_path: Path) -> None:
