@@ -40,7 +40,8 @@ class LabelStore(JournaledStore[Labels]):
     {"targets": {manifest, labels, drawn}, "file": name}    targets change in all files: "labels" has changes by file
 
     A list of changes is ``set`` where a change of targets is undone, or made from another file: earlier steps can then
-    no longer be undone. ``{"seen": [subject, position]}`` stands beside a change, or alone: then it is no revision.
+    no longer be undone. ``{"seen": [subject, position]}`` stands beside a change, and is undone with it, or alone: then
+    it is no revision.
 
     ``origin`` has the labels to read while there is no CSV: those that came with the program. The first change copies
     them.
@@ -52,9 +53,11 @@ class LabelStore(JournaledStore[Labels]):
             subject, at = entry["seen"]
             if not isinstance(at, int) or not 0 <= at < len(self.frames):
                 raise ValueError(f"position {at!r} is outside the clip's {len(self.frames)} frames")
-            self._seen[subject] = max(self._seen[subject], at)
         if {*entry} - {"seen", "id", "time_s"}:
             super().apply(entry)
+        else:
+            for seen in (self._seen, self._seen_alone):
+                seen[subject] = max(seen[subject], at)
 
     def begin(self, base: Mapping[str, Sequence[Any]]) -> None:
         """Set all tracks; nothing of them was seen."""
@@ -70,9 +73,22 @@ class LabelStore(JournaledStore[Labels]):
         self.forget_steps()
 
     def make(self, step: Entry, side: Literal["before", "after"]) -> None:
-        """Set the labels to those before or after a step."""
+        """Set the labels to those before or after a step, and what was seen."""
         for change in _changes(step):
             self._place(change["subject"], change[side])
+        if "seen" in step:
+            subject, at = step["seen"]
+            if side == "after":
+                self._seen[subject] = max(self._seen[subject], at)
+            else:
+                made = [each["seen"] for _, each in self._steps["undo"] if "seen" in each]
+                left = [position for name, position in made if name == subject]
+                self._seen[subject] = max([self._seen_alone[subject], *left])
+
+    def forget_steps(self) -> None:
+        """Forget all steps; what was seen by them stays seen."""
+        super().forget_steps()
+        self._seen_alone = dict(self._seen)
 
     def describe(self, step: Entry) -> str:
         """The subjects whose labels a step changes."""

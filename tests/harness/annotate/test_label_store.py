@@ -109,6 +109,25 @@ def test_a_label_holds_until_the_next_change_and_counts_where_it_was_seen(store:
     assert store.state()["total"] == 16
 
 
+def test_undoing_a_label_far_ahead_takes_back_that_the_frames_before_it_were_seen(
+    store: LabelStore, tmp_path: Path
+) -> None:
+    _look(store, 0, "cup")
+    store.see("ann", 2)
+    _look(store, LAST, "none")
+    assert _scored(tmp_path) == "cccccccn"
+    store = _again(store)
+    store.step_back("undo")
+    assert _scored(tmp_path) == "ccc....."
+    store.step_back("redo")
+    assert _scored(tmp_path) == "cccccccn"
+    store.step_back("undo")
+    store.see("ann", 4)
+    store.step_back("redo")
+    store.step_back("undo")
+    assert _scored(tmp_path) == "ccccc..."
+
+
 def test_frames_between_labels_are_not_scored_and_unlabelled_when_opened_again(
     store: LabelStore, tmp_path: Path
 ) -> None:
@@ -265,7 +284,7 @@ def test_a_csv_that_is_deleted_while_open_is_written_again_with_all_that_can_be_
     assert store.path.read_bytes() == kept
     store.path.unlink()
     store.step_back("undo")
-    assert _scored(tmp_path).startswith("cc")
+    assert _scored(tmp_path) == "c......."
     assert store.last_step("undo") is not None
 
 
