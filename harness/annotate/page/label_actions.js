@@ -7,7 +7,7 @@ import { at, runs } from "./tracks.js";
 export class LabelActions {
   constructor(page) {
     this.page = page;
-    this.noteForm = new Form("note", () => this.noted());
+    this.noteForm = new Form("note", () => this.saveNote());
   }
 
   // Resolved when it is saved.
@@ -72,14 +72,16 @@ export class LabelActions {
     const { page } = this;
     await page.saved();
     const here = at(page.track, page.wanted);
-    this.noteAt = page.wanted;
-    if (here.target === null) panel.say("There is no label here to put a note on.");
-    else this.noteForm.open({ note: here.note, tags: here.tags });
+    if (here.target === null) return panel.say("There is no label here to put a note on.");
+    this.noteFor = { subject: page.subject, at: page.wanted };
+    this.noteForm.open({ note: here.note, tags: here.tags });
   }
 
-  noted() {
-    const { noteAt, noteForm: { values: { note, tags } } } = this;
-    this.change({ kind: "note", at: noteAt, note, tags });
-    this.noteForm.close();
+  // The label for which the form was opened, wherever the page is by now.
+  saveNote() {
+    const { noteFor, noteForm } = this;
+    const { note, tags } = noteForm.values;
+    this.change({ kind: "note", ...noteFor, note, tags });
+    noteForm.close();
   }
 }

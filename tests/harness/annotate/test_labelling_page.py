@@ -197,6 +197,17 @@ def test_a_note_is_written_with_its_label(open_page: Open) -> None:
     wait_for(lambda: '1,1,ann,ignore,"eyes shut, blinks"' in page.session.path.read_text())
 
 
+def test_a_note_is_on_the_label_for_which_its_form_was_opened(open_page: Open) -> None:
+    page = open_page()
+    page.keys("1", "s", "2", "s", "m")
+    page.find("#note [name=note]").send_keys("eyes shut")
+    page.click("#subjects button:nth-child(2)")
+    page.find("#note [name=note]").send_keys(ENTER)
+    page.settle()
+    tracks = page.session.state()["tracks"]
+    assert [tracks[name][0][3] for name in ("ann", "ben")] == ["eyes shut", ""]
+
+
 def test_whoever_tabs_to_a_button_presses_it_and_stays_there(open_page: Open) -> None:
     page = open_page()
     button = page.find('[data-target="book"]')
