@@ -28,6 +28,7 @@ from harness.files.remote import expand
 from harness.files.tables import TableColumns, read_columns
 from harness.pipeline.stage_files.other_programs import Part, program_of, read_part
 from harness.sources import Clip
+from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Head, Instances, StereoFrame
 
@@ -107,6 +108,10 @@ LANDMARKS = tuple(
 COLUMNS = (*BOX, "score", *FACE, *LANDMARKS, "instance_id")
 
 
+MOST_OUTSIDE = 0.25
+"""Most heads outside of the image, as a share: a tracker may follow one that leaves it."""
+
+
 class FileHeadsSettings(Settings):
     """Location of the heads: the table ``file`` under ``root``."""
 
@@ -125,9 +130,20 @@ class FileHeads:
         root = expand(settings.root, Path.cwd(), "heads.root")
         self._path = root / settings.file
         self._heads = read_heads(self._path, clip)
+        self._checked_px: set[tuple[int, int]] = set()
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """Return the heads of one frame."""
+        """Return the heads of one frame.
+
+        Raises
+        ------
+        VfoaError
+            If many heads of the table lie outside of an image of this size.
+        """
+        size_px = frame.rig.width_px, frame.rig.height_px
+        if size_px not in self._checked_px:
+            self._heads.check_size(self._path, *size_px)
+            self._checked_px.add(size_px)
         return tuple(self._heads.of(frame.index).values())
 
     def digest(self) -> str:
@@ -142,6 +158,7 @@ class HeadTable:
         table = read_table(path, "heads", COLUMNS, frames)
         columns = table.columns
         self._boxes, self._faces, self._landmarks = (columns.group(names) for names in (BOX, FACE, LANDMARKS))
+        self._lines = np.array(columns.lines)
         self._scores, self._instances = columns.numbers("score"), columns.numbers("instance_id")
         self._keys, ids = table.keys(), self._instances
         columns.refuse_first(np.isnan(self._boxes[:, 0]), lambda row: f"no box; expected {', '.join(BOX)}")
@@ -154,6 +171,22 @@ class HeadTable:
             has_area = (boxes[:, 0] < boxes[:, 2]) & (boxes[:, 1] < boxes[:, 3])
             why = f"{', '.join(names)}: expected a box with an area"
             columns.refuse_first(~(has_area | np.isnan(boxes[:, 0])), lambda row, why=why: why)  # type: ignore[misc]
+
+    def check_size(self, path: Path, width_px: int, height_px: int) -> None:
+        """Check that most heads are in an image of this size.
+
+        Raises
+        ------
+        VfoaError
+            If not: they are of larger pictures, or of a film that has both views beside each other.
+        """
+        u0, v0, u1, v1 = self._boxes.T
+        outside = np.flatnonzero((u1 <= 0) | (v1 <= 0) | (u0 >= width_px) | (v0 >= height_px))
+        if len(outside) > MOST_OUTSIDE * len(self._boxes):
+            raise VfoaError(
+                f"{path}:{self._lines[outside[0]]}: found {len(outside)} of {len(self._boxes)} heads outside of the "
+                f"left image of {width_px} x {height_px}, this one first; expected pixels of that image"
+            )
 
     def of(self, frame: int) -> dict[str, Head]:
         """The heads of a frame by subject, in the order of the rows."""

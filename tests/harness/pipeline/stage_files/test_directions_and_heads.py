@@ -209,6 +209,26 @@ def test_heads_come_in_the_order_of_their_rows_and_a_frame_without_rows_has_none
 
 
 @pytest.mark.parametrize(
+    ("factor", "moved_px", "is_taken"),
+    [(1, 0, True), (3, 0, False), (1, -FRAME.rig.width_px, False), (1, 0.4 * FRAME.rig.width_px, True)],
+)
+def test_heads_of_larger_pictures_or_of_two_views_are_refused(
+    factor: float, moved_px: float, is_taken: bool, tmp_path: Path
+) -> None:
+    width, height = FRAME.rig.width_px, FRAME.rig.height_px
+    left = np.array([0.5 * width, 0.4 * height, 0.7 * width, 0.6 * height])
+    boxes = {"left": factor * left, "right": factor * left + [moved_px, 0, moved_px, 0]}
+    rows = (f"{FRAME.index},{name},{','.join(map(str, box.tolist()))}\n" for name, box in boxes.items())
+    clip = _written(tmp_path / "heads.csv", HEADS + "".join(rows))
+    detector = FileHeads(FileHeadsSettings(root=str(tmp_path)), clip)
+    if is_taken:
+        assert len(detector.detect(FRAME, NOBODY)) == 2
+    else:
+        with pytest.raises(VfoaError, match=rf"heads\.csv:[23]: .* of 2 heads outside .* {width} x {height}"):
+            detector.detect(FRAME, NOBODY)
+
+
+@pytest.mark.parametrize(
     ("text", "line"),
     [
         ("", r"heads\.csv:1: .*frame,subject"),
