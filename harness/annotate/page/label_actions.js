@@ -28,11 +28,11 @@ export class LabelActions {
     else this.change({ kind: "look", at: here, target, point_px });
   }
 
-  // A click refers to the frame that is shown.
-  chosen(object, point) {
+  // An object was clicked in the frame at a position.
+  chosen(object, point, shown) {
     const { page } = this;
     if (!page.names.names.includes(object.name)) page.names.forms.ask(object, page.stage.scene.objects);
-    else this.look(object.name, page.about.shared.includes(object.name) ? point : null, page.shown);
+    else this.look(object.name, page.about.shared.includes(object.name) ? point : null, shown);
   }
 
   clear() {

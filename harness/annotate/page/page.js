@@ -36,9 +36,9 @@ export class Page {
       changed: (answer) => this.renew(answer),
       failed: (error) => panel.say(error.message),
     });
-    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.labelActions.chosen(each, point), changed: () => this.go(this.wanted) });
+    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (...clicked) => this.labelActions.chosen(...clicked), changed: () => this.go(this.wanted) });
     this.total = about.frames.length;
-    this.drawing = new Drawing(this, first.drawn, { press: (run) => this.keyQueue.press(run), look: (name) => this.labelActions.look(name) });
+    this.drawing = new Drawing(this, first.drawn, { press: (run) => this.keyQueue.press(run), look: (name, at) => this.labelActions.look(name, null, at) });
     this.player = new Player(this, about);
     this.timelines = new Timelines({
       frames: about.frames,

@@ -12,7 +12,8 @@ const sorted = ([a, b, c, d]) => [Math.min(a, c), Math.min(b, d), Math.max(a, c)
 
 export class Shapes {
   // chosen(): the selected { name, kind }; choose(name, kind): another was clicked; live(place): it is being drawn;
-  // done(place): it was drawn, null: cancelled; look(name): it was clicked with the drawing tool closed.
+  // done(place): it was drawn, null: cancelled; look(name, at): it was clicked with the drawing tool closed, in the frame
+  // at this position.
   constructor(stage, handlers) {
     Object.assign(this, handlers, { stage });
     this.svg = shape("svg", { id: "drawn", "aria-hidden": "true" });
@@ -56,6 +57,8 @@ export class Shapes {
     const text = shape("text", { x: u0, y: Math.max(v0 - .4 * this.stage.letter, this.stage.letter) });
     text.textContent = each.text;
     group.append(text);
+    const { stage, look } = this;
+    if (!isOn) stage.view.choosable(group, () => { const { at } = stage; return () => look(each.name, at); });
     if (isOn && each.isChosen && each.kind !== "point") group.append(...this.handles([u0, v0, u1, v1], unit));
     return group;
   }
@@ -83,12 +86,8 @@ export class Shapes {
   }
 
   press(event) {
-    if (event.button || !this.stage.scene) return;
+    if (event.button || !this.stage.scene || !this.svg.classList.contains("on")) return;
     const group = event.target.closest("g");
-    if (!this.svg.classList.contains("on")) {
-      if (group) this.look(group.dataset.name);
-      return;
-    }
     event.preventDefault();
     event.stopPropagation();
     const { name, kind } = this.chosen();

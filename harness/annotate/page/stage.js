@@ -12,7 +12,8 @@ const LETTER = .6; // width over height
 const narrow = matchMedia("(max-width: 600px)");
 
 export class Stage {
-  // name(object): its name and style; choose(object, point): it was clicked; changed(): another part is shown.
+  // name(object): its name and style; choose(object, point, at): it was clicked in the frame at this position; changed():
+  // another part is shown.
   constructor({ name, choose, changed }) {
     Object.assign(this, { name, choose });
     this.pictures = new Kept(loadPicture, PICTURES, (bitmap) => bitmap.close());
@@ -49,7 +50,7 @@ export class Stage {
     const [u0, v0, u1, v1] = this.bounds = this.view.region || [0, 0, ...scene.size_px];
     this.overlay.setAttribute("viewBox", `${u0} ${v0} ${u1 - u0} ${v1 - v0}`);
     this.unit = (u1 - u0) / 1000; // text is as large in every image
-    this.scene = scene;
+    Object.assign(this, { scene, at });
     this.showBeside(at, subject, scene);
   }
 
@@ -77,7 +78,10 @@ export class Stage {
     const path = each.outline.map((points) => `M${points.map((point) => point.join(",")).join("L")}Z`).join("");
     group.append(shape("path", { d: path, class: "halo" }), shape("path", { d: path }));
     if (this.isInside(each.box_px)) group.append(this.label(isSubject ? each.name : text, each.box_px, isSubject));
-    if (!isSubject) group.addEventListener("click", (event) => this.choose(each, this.pointOf(event)));
+    if (!isSubject) this.view.choosable(group, (event) => {
+      const [point, at] = [this.pointOf(event), this.at];
+      return () => this.choose(each, point, at);
+    });
     return group;
   }
 

@@ -1,4 +1,4 @@
-// The part of the image that is shown, and the size to request: the wheel zooms, dragging moves.
+// The part of the image that is shown, and the size to request: the wheel zooms, dragging moves. Also, what is pressed.
 
 const FARTHEST = 16;
 const STEP_PX = 160; // widths are rounded up to this, so that a resize asks for few new pictures
@@ -7,7 +7,7 @@ const DRAG_PX = 5;
 export class View {
   // changed(): another part is shown; the element contains the picture.
   constructor(element, changed) {
-    Object.assign(this, { element, changed, scale: 1, middle: [.5, .5], size: null });
+    Object.assign(this, { element, changed, scale: 1, middle: [.5, .5], size: null, chosen: null });
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     element.addEventListener("pointerdown", (event) => this.press(event));
   }
@@ -60,22 +60,33 @@ export class View {
     this.zoom(event.deltaY < 0 ? 1.25 : .8, this.placeOf(event));
   }
 
+  // Let a press on an element choose it: what pressed(event) returns is called when the pointer goes up, unless it has
+  // dragged the image. A click is not enough: an element that is drawn anew in between, as while the clip plays, has none.
+  choosable(element, pressed) {
+    element.addEventListener("pointerdown", (event) => { this.chosen = pressed(event); });
+  }
+
   press(event) {
-    if (event.button || this.scale === 1 || event.defaultPrevented) return;
+    const { chosen } = this;
+    this.chosen = null;
+    if (event.button || event.defaultPrevented) return;
     let from = this.placeOf(event);
     let dragged = false;
     const move = (moved) => {
-      dragged ||= Math.hypot(moved.clientX - event.clientX, moved.clientY - event.clientY) >= DRAG_PX;
+      dragged ||= this.scale !== 1 && Math.hypot(moved.clientX - event.clientX, moved.clientY - event.clientY) >= DRAG_PX;
       if (!dragged) return;
       const to = this.placeOf(moved);
       this.move((from[0] - to[0]) / this.scale, (from[1] - to[1]) / this.scale);
       from = to;
     };
-    const up = () => {
+    const end = ({ type }) => {
       removeEventListener("pointermove", move);
-      if (dragged) addEventListener("click", (click) => click.stopPropagation(), { capture: true, once: true });
+      removeEventListener("pointerup", end);
+      removeEventListener("pointercancel", end);
+      if (chosen && !dragged && type === "pointerup") chosen();
     };
     addEventListener("pointermove", move);
-    addEventListener("pointerup", up, { once: true });
+    addEventListener("pointerup", end);
+    addEventListener("pointercancel", end);
   }
 }

@@ -79,6 +79,38 @@ def test_a_drag_on_the_strip_is_a_range(open_page: Open) -> None:
     assert page.targets() == "..b------c.."
 
 
+def test_a_click_while_it_plays_holds_from_the_frame_in_which_the_button_went_down(open_page: Open, work: Path) -> None:
+    page = open_page(run=work / "run")
+    page.keys("-", "-")
+    page.js(
+        "addEventListener('pointerdown', () => { window.pressed = Number(document.body.dataset.frame); }, true);"
+        "document.getElementById('do-play').click()"
+    )
+    page.actions().move_to_element(page.find('#overlay [data-name="book"]')).click_and_hold().perform()
+    pressed = page.js("return window.pressed")
+    wait_for(lambda: page.shown != pressed)  # its outline was drawn anew
+    page.actions().release().perform()
+    page.keys("k")
+    assert page.targets().startswith("." * (pressed - 1) + "b")
+
+
+@pytest.mark.parametrize("layer", ["overlay", "drawn"])
+def test_an_image_that_is_dragged_on_an_object_labels_nothing_and_the_next_click_counts(
+    open_page: Open, work: Path, layer: str
+) -> None:
+    page = open_page(run=work / "run") if layer == "overlay" else open_page()
+    page.keys("p", "2", ENTER, "p", "v")
+    page.actions().move_to_element(page.find(f'#{layer} [data-name="book"]')).click_and_hold().perform()
+    for _ in range(2):
+        page.actions().move_by_offset(-10, -10).perform()
+        page.settle()
+    page.actions().release().perform()
+    page.settle()
+    assert not page.session.path.exists()
+    page.click('#names [data-target="cup"]')
+    assert page.targets().startswith("c")
+
+
 def test_a_long_clip_has_a_second_strip_with_frames_that_are_wide_enough(open_page: Open) -> None:
     class Long(PlainClip):
         def truth(self, number: int) -> Truth:
