@@ -45,7 +45,10 @@ export class Page {
       times: this.player.times,
       advised: about.label_first,
       look: (name) => this.names.className(name),
-      select: (range) => this.select(range),
+      select: (range, subject) => {
+        if (subject && subject !== this.subject) this.seek(this.wanted, subject);
+        this.select(range);
+      },
       seek: (position, subject) => this.seek(position, subject || this.subject),
       stretch: (position, subject) => { this.seek(position, subject); this.selectStretch(position); },
       move: (at, last, subject) => this.labelActions.change({ kind: "move", subject, at, last }),

@@ -21,9 +21,9 @@ function piece(each, look) {
 }
 
 export class Timeline {
-  // look: name -> class; select(first, last): a range was dragged; seek(position, subject): a place was clicked, or the
-  // axis was dragged; stretch(position, subject): a place was double-clicked; move(change, to, subject): a change of
-  // target was dragged. advised: the frames to label first.
+  // look: name -> class; select(range, subject): a range was dragged, on this subject's row if any; seek(position,
+  // subject): a place was clicked, or the axis was dragged; stretch(position, subject): a place was double-clicked;
+  // move(change, to, subject): a change of target was dragged. advised: the frames to label first.
   constructor(root, { frames, times, advised, count, look, select, seek, stretch, move }) {
     Object.assign(this, { root, frames, times, advised, count, look, select, seek, stretch, move, rows: new Map(), first: 0 });
     this.axis = new Axis(frames, times);
@@ -173,7 +173,8 @@ export class Timeline {
       this.edge.hidden = true;
       if (isScrub && dragged) return;
       if (dragged && change) this.move(change.at, this.edgeAt(released.clientX), change.subject);
-      else if (dragged) this.select(this.selection); else this.seek(start, row && row.dataset.subject);
+      else if (dragged) this.select(this.selection, row?.dataset.subject);
+      else this.seek(start, row && row.dataset.subject);
     };
     addEventListener("pointermove", move);
     addEventListener("pointerup", up, { once: true });

@@ -79,6 +79,13 @@ def test_a_drag_on_the_strip_is_a_range(open_page: Open) -> None:
     assert page.targets() == "..b------c.."
 
 
+def test_a_range_is_of_the_subject_on_whose_row_it_is_dragged(open_page: Open) -> None:
+    page = open_page()
+    page.drag(2, 5, on="#timelines [data-subject=ben] > div")
+    page.keys("1")
+    assert (page.targets("ann"), page.targets("ben")) == ("............", "..cccc......")
+
+
 def test_a_click_while_it_plays_holds_from_the_frame_in_which_the_button_went_down(open_page: Open, work: Path) -> None:
     page = open_page(run=work / "run")
     page.keys("-", "-")
