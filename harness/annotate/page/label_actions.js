@@ -32,7 +32,7 @@ export class LabelActions {
   chosen(object, point, shown) {
     const { page } = this;
     if (!page.names.names.includes(object.name)) page.names.forms.ask(object, page.stage.scene.objects);
-    else this.look(object.name, page.about.shared.includes(object.name) ? point : null, shown);
+    else page.choose(object.name, page.about.shared.includes(object.name) ? point : null, shown);
   }
 
   clear() {

@@ -38,7 +38,7 @@ export class Page {
     });
     this.stage = new Stage({ name: (each) => this.names.of(each), choose: (...clicked) => this.labelActions.chosen(...clicked), changed: () => this.go(this.wanted) });
     this.total = about.frames.length;
-    this.drawing = new Drawing(this, first.drawn, { press: (run) => this.keyQueue.press(run), look: (name, at) => this.labelActions.look(name, null, at) });
+    this.drawing = new Drawing(this, first.drawn, { press: (run) => this.keyQueue.press(run), look: (name, at) => this.choose(name, null, at) });
     this.player = new Player(this, about);
     this.timelines = new Timelines({
       frames: about.frames,
@@ -210,10 +210,10 @@ export class Page {
     if (isFirst) this.select([next.first, next.last]);
   }
 
-  // A target's key or button: the target to find, or what the subject looks at.
-  choose(name) {
+  // A target's key or button, or a click on it: the target to find, or what the subject looks at.
+  choose(name, ...where) {
     if (this.finding) this.find(name);
-    else this.labelActions.look(name);
+    else this.labelActions.look(name, ...where);
   }
 
   // The next target's key finds the target's next stretch (by > 0) or the one before; pressed twice, the last one again.

@@ -387,6 +387,18 @@ def test_f_finds_the_stretches_of_a_target_and_g_what_is_open_of_every_subject(o
     assert page.text("#notice") == "Every frame of every subject has a label."
 
 
+@pytest.mark.parametrize("layer", ["overlay", "drawn"])
+def test_a_click_on_an_object_after_f_finds_it_and_labels_nothing(open_page: Open, work: Path, layer: str) -> None:
+    page = open_page(run=work / "run") if layer == "overlay" else open_page()
+    page.keys("p", "2", ENTER, "p")
+    page.drag(0, 5)
+    page.keys("1")
+    page.drag(6, 11)
+    page.keys("2", HOME, "f")
+    page.click(f'#{layer} [data-name="book"]')
+    assert (page.targets(), page.shown) == ("ccccccbbbbbb", 7)
+
+
 def test_the_keys_are_shown_above_all_and_the_speed_is_remembered(open_page: Open) -> None:
     page = open_page()
     assert "plays at ×1" in page.text("#frame")
