@@ -25,11 +25,12 @@ DECODING = {"max_pixels": str(MOST_PIXELS), "flags": "+unaligned"}
 are cropped at the left as they say; FFmpeg keeps columns there by default, so that its rows in memory are aligned."""
 
 
-def _open(path: Path) -> Any:
-    """The container of a film for reading, as PyAV has it; tags may be of any coding."""
+def open_film(path: Path) -> Any:
+    """The container of a film for reading, as PyAV has it; tags may be of any coding, as always from PyAV 19 on."""
     import av
 
-    return av.open(f"file:{path}", metadata_errors="replace")
+    of_tags: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
+    return av.open(f"file:{path}", **of_tags)
 
 
 class RgbConverter:
@@ -182,7 +183,7 @@ def _opened(path: Path) -> Any:
     except UnicodeEncodeError:
         raise VfoaError(f"{path}: its name is not UTF-8, which FFmpeg cannot open; rename it") from None
     try:
-        container = _open(path)
+        container = open_film(path)
         stream = container.streams.video[0]
     except (av.FFmpegError, OSError, ValueError, IndexError):
         check_fetched(path)
@@ -210,7 +211,7 @@ def container_tags(path: Path) -> dict[str, str]:
     import av
 
     try:
-        with _open(path) as container:
+        with open_film(path) as container:
             return dict(container.metadata)
     except (av.FFmpegError, OSError):
         return {}

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from harness.sources.media.film import open_film
 from vfoa.errors import VfoaError, reported_as
 
 _EBML = 0x1A45DFA3
@@ -48,10 +49,8 @@ class MatroskaHead(NamedTuple):
 
 def read_head(path: Path) -> MatroskaHead:
     """Read it by FFmpeg; raises :class:`VfoaError` if it is not a film."""
-    import av
-
     opened = reported_as(f"{path}: cannot be read as a film")
-    with opened, av.open(str(path), metadata_errors="replace") as container:
+    with opened, open_film(path) as container:
         tracks = {
             stream.metadata.get("title", ""): VideoTrack(stream.index, (stream.width, stream.height), stream.metadata)
             for stream in container.streams.video

@@ -184,8 +184,8 @@ def test_a_file_is_examined_once_until_it_changes(tmp_path: Path, monkeypatch: p
     """Examining decodes to the last frame, and a command opens a clip several times."""
     monkeypatch.setattr("harness.files.digests.SETTLED_NS", 0)
     path, opened = write_video(tmp_path / "a.mp4", IMAGES[:10], "mp4v"), list[Path]()
-    opening = film._open
-    monkeypatch.setattr(film, "_open", lambda path: (opened.append(path), opening(path))[1])
+    opening = film.open_film
+    monkeypatch.setattr(film, "open_film", lambda path: (opened.append(path), opening(path))[1])
     first = Video(path)
     examined = len(opened)
     again = Video(path)
@@ -247,8 +247,6 @@ def test_a_name_that_is_not_utf_8_does_not_end_the_process(tmp_path: Path) -> No
 def test_tags_of_another_coding_than_utf_8_do_not_matter(tmp_path: Path) -> None:
     path = _film(tmp_path / "a.mkv", pictures_s=0.0, sound_s=None, title="caf\u00e9 ")
     path.write_bytes(path.read_bytes().replace("caf\u00e9 ".encode(), "caf\u00e9s ".encode("latin-1")))
-    with pytest.raises(UnicodeDecodeError):
-        av.open(str(path))
     assert len(Video(path).frames) == 10
     assert (first_picture_s(path), container_tags(path)["title"][:3]) == (0.0, "caf")
 
