@@ -13,8 +13,18 @@ function changed(why = {}) {
   for (const listener of listeners) listener(why);
 }
 
-// `wanted` may name a clip (number), a subject, a configuration (name) and a frame; the others stay the same.
-export async function select(wanted, why = {}) {
+let turn = Promise.resolve();
+// What is asked for while a clip is unpacked or searched waits for its turn, so that the last wish is what is shown.
+function inTurn(action) {
+  turn = turn.catch(() => {}).then(action);
+  return turn;
+}
+
+// `wanted` may name a clip (number), a subject, a configuration (name) and a frame; the others stay the same. A function
+// is asked for it in its turn, when what was asked for before is shown.
+export const select = (wanted, why) => inTurn(() => show(typeof wanted === "function" ? wanted() : wanted, why));
+
+async function show(wanted, why = {}) {
   const clip = wanted.clip ?? shown.track?.clip ?? 0;
   const tracks = await clipTracks(clip);
   const track = tracks.find((each) => each.subject === (wanted.subject ?? shown.track?.subject)) ?? tracks[0];
@@ -30,11 +40,11 @@ export async function select(wanted, why = {}) {
   if (i !== null) say(frameInWords(track, lane, i));
 }
 
-export function close() {
+export const close = () => inTurn(() => {
   shown.i = null;
   writeAddress();
   changed();
-}
+});
 
 export const outcomeInWords = (state) =>
   ["correct", "unscored", "no frame"].includes(state) ? state : `wrong: ${state.replaceAll("_", " ")}`;
@@ -72,15 +82,9 @@ function pairs(visits, own) {
 }
 
 const goTo = ({ track, lane, i }, more, why) =>
-  select({ clip: track.clip, subject: track.subject, config: lane.name, frame: track.frames[i], ...more }, { centre: true, ...why });
+  show({ clip: track.clip, subject: track.subject, config: lane.name, frame: track.frames[i], ...more }, { centre: true, ...why });
 
-let stepping = Promise.resolve();
-// Keys that are pressed while a clip is unpacked wait for their turn.
-export function step(direction) {
-  stepping = stepping.catch(() => {}).then(() => stepOnce(direction));
-}
-
-async function stepOnce(direction) {
+export const step = (direction) => inTurn(async () => {
   const { track, lane, i, visits } = shown;
   if (!track) return;
   const all = pairs(visits, lane.name);
@@ -99,10 +103,10 @@ async function stepOnce(direction) {
     }
   }
   say("There is no such frame.");
-}
+});
 
 // Go to the first frame that `visits` holds, in this clip (or, without one, in the first clip that has any).
-export async function goToFirst({ clip = -1, config, visits }) {
+export const goToFirst = ({ clip = -1, config, visits }) => inTurn(async () => {
   const scoped = visits && { ...visits, clip, config };
   for (const [number, name] of pairs({ clip, config })) {
     const [first] = await found(scoped, number, name);
@@ -111,9 +115,9 @@ export async function goToFirst({ clip = -1, config, visits }) {
       return;
     }
   }
-  if (clip >= 0) await select({ clip, config, visits: null }, { jump: true });
+  if (clip >= 0) await show({ clip, config, visits: null }, { jump: true });
   say("There is no such frame.");
-}
+});
 
 // The address: #clip=…&config=…&subject=…&frame=…
 
@@ -131,6 +135,6 @@ export async function readAddress(why = {}) {
   const wanted = { clip: Math.max(clip, 0) };
   for (const key of ["config", "subject"]) if (parts.has(key)) wanted[key] = parts.get(key);
   if (parts.has("frame")) wanted.frame = parts.get("frame");
-  await select(wanted, { ...why, centre: true, quiet: true });
+  await select(wanted, { ...why, centre: true }); // writes it, too: what waits before it may write another one
   return true;
 }

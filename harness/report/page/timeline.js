@@ -11,7 +11,6 @@ import { isScored, isWrong } from "./store.js";
 
 const view = { count: 1, left: 0, width: 1 };
 const sheet = element("canvas", { tabindex: "0", role: "slider", id: "timeline" });
-const lists = element("div", { class: "controls" });
 let [lanes, withOracles, scheduled, preview] = [[], false, false, null];
 const followers = [];
 
@@ -101,24 +100,28 @@ function listen() {
   sheet.addEventListener("click", (event) => {
     const found = under(event);
     if (!found) return;
-    select({ config: found.lane.name, frame: found.track.frames[found.i] });
-    openRecording(found.track, found.lane, found.i);
+    const { track, lane, i } = found;
+    select({ clip: track.clip, subject: track.subject, config: lane.name, frame: track.frames[i] });
+    openRecording(track, lane, i);
   });
   sheet.addEventListener("keydown", onKey);
+  oracles.addEventListener("change", () => { withOracles = oracles.checked; fillLists(); arrange(); });
 }
 
 function onKey(event) {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
-  const { track, lane, i } = shown;
-  const goto = (next) => select({ frame: track.frames[Math.min(Math.max(next, 0), track.frames.length - 1)] });
-  const other = (by) => {
-    const all = strips();
-    select({ config: all[(all.indexOf(lane) + by + all.length) % all.length].name, frame: track.frames[i ?? 0] });
-  };
+  const goto = (next) => select(() => {
+    const { frames } = shown.track;
+    return { frame: frames[Math.min(Math.max(next(shown.i), 0), frames.length - 1)] };
+  });
+  const other = (by) => select(() => {
+    const [{ track, lane, i }, all] = [shown, strips()];
+    return { config: all[(all.indexOf(lane) + by + all.length) % all.length].name, frame: track.frames[i ?? 0] };
+  });
   const goals = {
-    ArrowRight: () => goto((i ?? -1) + 1), ArrowLeft: () => goto(i - 1), ArrowDown: () => other(1), ArrowUp: () => other(-1),
-    PageDown: () => goto(i + 25), PageUp: () => goto(i - 25), Home: () => goto(0), End: () => goto(track.frames.length - 1),
-    Enter: () => i !== null && openRecording(track, lane, i),
+    ArrowRight: () => goto((i) => (i ?? -1) + 1), ArrowLeft: () => goto((i) => i - 1), ArrowDown: () => other(1), ArrowUp: () => other(-1),
+    PageDown: () => goto((i) => i + 25), PageUp: () => goto((i) => i - 25), Home: () => goto(() => 0), End: () => goto(() => Infinity),
+    Enter: () => shown.i !== null && openRecording(shown.track, shown.lane, shown.i),
   };
   const goal = goals[event.key];
   if (!goal) return;
@@ -128,23 +131,32 @@ function onKey(event) {
 
 // Lists and buttons above it
 
+// The same elements all the time: one that is replaced between press and release is not clicked.
+const frameShown = () => shown.track.frames[shown.i];
+const clips = choice("Clip", data.clips.map((each, i) => [i, each.name]), 0, (value) => select({ clip: Number(value), visits: null }));
+const subjects = choice("Subject", [], null, (value) => select({ subject: value }));
+const configs = choice("Configuration", [], null, (value) => select(() => ({ config: value, frame: frameShown() })));
+const oracles = element("input", { type: "checkbox" });
+const oracleSteps = element("label", { class: "choice" }, oracles, " oracle steps");
+const chip = element("span", { class: "chip" });
+const visited = element("span");
+chip.append(visited, button("×", () => select(() => ({ frame: frameShown(), visits: null })), { "aria-label": "N and P visit wrong frames again" }));
+
 function fillLists() {
-  const { track, lane } = shown;
-  const frame = track.frames[shown.i];
-  const clip = choice("Clip", data.clips.map((each, i) => [i, each.name]), track.clip, (value) => select({ clip: Number(value), visits: null }));
-  const subject = choice("Subject", data.clips[track.clip].subjects.map((each) => [each, each]), track.subject, (value) => select({ subject: value }));
-  const config = choice("Configuration", strips().map((each) => [each.name, each.name]), lane.name, (value) => select({ config: value, frame }));
-  const oracles = element("input", { type: "checkbox" });
-  oracles.checked = withOracles;
-  oracles.addEventListener("change", () => { withOracles = oracles.checked; fillLists(); arrange(); });
-  const { name, config: only, clip: where } = shown.visits ?? {};
-  const visits = shown.visits ? [element("span", { class: "chip" }, `N and P: ${[name, only, ...(where < 0 ? [] : [data.clips[where].name])].join(", ")} `,
-    button("×", () => select({ frame, visits: null }), { "aria-label": "N and P visit wrong frames again" }))] : [];
-  const focused = [...lists.querySelectorAll("select, button, input")].indexOf(document.activeElement);
-  lists.replaceChildren(clip, subject, config,
-    ...(track.lanes.some((each) => each.oracle) ? [element("label", { class: "choice" }, oracles, " oracle steps")] : []),
-    ...(data.overall.length ? steps() : []), ...visits);
-  if (focused >= 0) lists.querySelectorAll("select, button, input")[focused]?.focus();
+  const { track, lane, visits } = shown;
+  const fill = (list, names, chosen) => {
+    const select = list.querySelector("select");
+    if (names.join("\n") !== [...select.options].map((each) => each.value).join("\n")) {
+      select.replaceChildren(...names.map((name) => element("option", { value: name }, name)));
+    }
+    select.value = chosen;
+  };
+  clips.querySelector("select").value = track.clip;
+  fill(subjects, data.clips[track.clip].subjects, track.subject);
+  fill(configs, strips().map((each) => each.name), lane.name);
+  oracleSteps.hidden = !track.lanes.some((each) => each.oracle);
+  chip.hidden = !visits;
+  if (visits) visited.textContent = `N and P: ${[visits.name, visits.config, ...(visits.clip < 0 ? [] : [data.clips[visits.clip].name])].join(", ")} `;
 }
 
 const steps = () => [
@@ -153,7 +165,7 @@ const steps = () => [
 ];
 
 export function drawTimeline(root) {
-  root.append(lists, sheet);
+  root.append(element("div", { class: "controls" }, clips, subjects, configs, oracleSteps, ...(data.overall.length ? [...steps(), chip] : [])), sheet);
   listen();
   new ResizeObserver(redraw).observe(sheet);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);

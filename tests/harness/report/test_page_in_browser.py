@@ -577,6 +577,36 @@ def test_copies_of_figures_hold_every_clip_and_the_legend(report: ReportPage, ma
     assert not report.all("[style*='visibility: hidden']")
 
 
+def test_the_last_wish_is_what_is_shown(report: ReportPage, many_clips: Path) -> None:
+    """While clips are unpacked: what was asked for first takes longest."""
+    report.open(many_clips)
+    choose = "const [list, clips] = [document.querySelector('#draw-timeline select'), arguments]; "
+    change = "list.value = clip; list.dispatchEvent(new Event('change'));"
+    report.js(f"{choose} for (const clip of clips) {{ {change} }}", 7, 0)
+    report.press(RIGHT)
+    report.wait_for_place("one", "clip 00", "girl", 1)
+    last, first = (report.button(f"one on clip {number}: FRR") for number in ("05", "04"))
+    click = "part.dispatchEvent(new MouseEvent('click', {bubbles: true}));"
+    report.js(f"for (const part of arguments) {{ {click} }}", last, first)
+    report.press(RIGHT)
+    report.wait_for_place("one", "clip 04", "girl", 2)  # the wrong one, where it stays: there are two frames
+
+
+def test_a_button_above_the_timeline_is_the_same_between_press_and_release(report: ReportPage, small: Path) -> None:
+    from selenium.webdriver import ActionChains
+
+    report.open(small)
+    following = report.find('[aria-label^="Next wrong frame"]')
+    report.js("arguments[0].scrollIntoView({block: 'center'})", following)
+    mouse = ActionChains(report.browser, duration=0)
+    mouse.click(following).perform()
+    report.wait_for_place("one", "clip", "girl", 2)
+    mouse.click_and_hold(following).send_keys("n").perform()
+    report.wait_for_place("one", "clip", "girl", 4)
+    mouse.release().perform()
+    report.wait_for_place("one", "clip", "girl", 6)
+
+
 def test_a_print_holds_every_clip_and_says_which_one_a_figure_is_of(report: ReportPage, many_clips: Path) -> None:
     report.open(many_clips)
     with report.media(media="print"):
