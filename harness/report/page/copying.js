@@ -1,31 +1,31 @@
 // Tables and figures to the clipboard; where that is refused, as a file.
 
-import { element, say } from "./dom.js";
+import { element, tell } from "./dom.js";
 
 const CELL = /[",\r\n]/;
 export const csvText = (rows) =>
   rows.map((row) => row.map((cell) => (CELL.test(cell) ? `"${String(cell).replaceAll('"', '""')}"` : cell)).join(",")).join("\n") + "\n";
 
 export const copyCsv = (rows) => copied(new Blob([csvText(rows)], { type: "text/plain" }), "csv");
-export const copySvg = (svg) => svg ? copied(new Blob([svgText(svg)], { type: "text/plain" }), "svg") : say("Nothing is drawn here yet.");
+export const copySvg = (svg) => svg ? copied(new Blob([svgText(svg)], { type: "text/plain" }), "svg") : tell("Nothing is drawn here yet.");
 export const copyPng = async (svg) => {
-  if (!svg) return say("Nothing is drawn here yet.");
+  if (!svg) return tell("Nothing is drawn here yet.");
   try {
     return await copied(await png(svgText(svg), svg.width.baseVal.value, svg.height.baseVal.value), "png");
   } catch (error) {
-    return say(`This figure could not be turned into a PNG (${error.message}); copy it as SVG instead.`);
+    return tell(`This figure could not be turned into a PNG (${error.message}); copy it as SVG instead.`);
   }
 };
 
 async function copied(blob, kind) {
   try {
     await navigator.clipboard.write([new ClipboardItem({ [blob.type]: blob })]);
-    say(`Copied as ${kind.toUpperCase()}.`);
+    tell(`Copied as ${kind.toUpperCase()}.`);
   } catch {
     const address = URL.createObjectURL(blob);
     element("a", { href: address, download: `figure.${kind}` }).click();
     setTimeout(() => URL.revokeObjectURL(address), 10000);
-    say(`The clipboard is closed to this page: saved as figure.${kind}.`);
+    tell(`The clipboard is closed to this page: saved as figure.${kind}.`);
   }
 }
 

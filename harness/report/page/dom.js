@@ -50,6 +50,16 @@ export const words = (name) => name.replaceAll("_", " ");
 const live = document.getElementById("said");
 export function say(text) {
   live.textContent = text;
+  live.classList.remove("seen");
+}
+
+// Say it to those who see, too: an action has no other effect on the page.
+let fading = null;
+export function tell(text) {
+  say(text);
+  live.classList.add("seen");
+  clearTimeout(fading);
+  fading = setTimeout(() => live.classList.remove("seen"), 8000);
 }
 
 // Say on the page that it is drawn, once it is: figures draw when their width is known, which a first frame tells them.

@@ -2,7 +2,7 @@
 
 import { data } from "./packs.js";
 import { clipTracks, isWrong, nameOf, predictedInWords, stateOf } from "./store.js";
-import { say } from "./dom.js";
+import { say, tell } from "./dom.js";
 
 export const shown = { track: null, lane: null, i: null, visits: null };
 const listeners = [];
@@ -32,7 +32,8 @@ async function show(wanted, why = {}) {
   const name = wanted.config ?? shown.lane?.name;
   const lane = track.lanes.find((each) => each.name === name)
     ?? track.lanes.find((each) => each.name.startsWith(`${name}.seed`)) ?? track.lanes[0];
-  const i = wanted.frame === undefined ? null : track.place.get(wanted.frame) ?? null;
+  const isThere = [undefined, track.subject].includes(wanted.subject) && (wanted.config === undefined || isOf(lane.name, wanted.config));
+  const i = wanted.frame === undefined || !isThere ? null : track.place.get(wanted.frame) ?? null;
   if ("visits" in wanted) shown.visits = wanted.visits;
   Object.assign(shown, { track, lane, i });
   if (why.quiet !== true) writeAddress();
@@ -102,7 +103,7 @@ export const step = (direction) => inTurn(async () => {
       return;
     }
   }
-  say("There is no such frame.");
+  tell("There is no such frame.");
 });
 
 // Go to the first frame that `visits` holds, in this clip (or, without one, in the first clip that has any).
@@ -116,25 +117,31 @@ export const goToFirst = ({ clip = -1, config, visits }) => inTurn(async () => {
     }
   }
   if (clip >= 0) await show({ clip, config, visits: null }, { jump: true });
-  say("There is no such frame.");
+  tell("There is no such frame.");
 });
 
 // The address: #clip=…&config=…&subject=…&frame=…
 
-function writeAddress() {
+function placeShown() {
   const { track, lane, i } = shown;
   const parts = { clip: data.clips[track.clip].name, config: lane.name, subject: track.subject };
-  if (i !== null) parts.frame = track.frames[i];
-  history.replaceState(null, "", `#${new URLSearchParams(parts)}`);
+  return i === null ? parts : { ...parts, frame: track.frames[i] };
 }
 
+const writeAddress = () => history.replaceState(null, "", `#${new URLSearchParams(placeShown())}`);
+
+// Returns whether the address names a place. Of one that is not on this page, what there is, is shown, but no frame.
 export async function readAddress(why = {}) {
   const parts = new URLSearchParams(location.hash.slice(1));
-  if (![...parts.keys()].length) return false;
-  const clip = data.clips.findIndex((each) => each.name === parts.get("clip"));
-  const wanted = { clip: Math.max(clip, 0) };
-  for (const key of ["config", "subject"]) if (parts.has(key)) wanted[key] = parts.get(key);
-  if (parts.has("frame")) wanted.frame = parts.get("frame");
-  await select(wanted, { ...why, centre: true }); // writes it, too: what waits before it may write another one
+  const asked = Object.fromEntries(["clip", "config", "subject", "frame"].flatMap((key) => (parts.has(key) ? [[key, parts.get(key)]] : [])));
+  if (!Object.keys(asked).length) return false;
+  const clip = "clip" in asked ? data.clips.findIndex(({ name }) => name === asked.clip) : 0;
+  await inTurn(async () => {
+    // This writes the address, too: what waited before it may have written another one.
+    await show({ ...asked, clip: Math.max(clip, 0), frame: clip < 0 ? undefined : asked.frame }, { ...why, centre: true });
+    const place = placeShown();
+    const missing = Object.keys(asked).filter((key) => place[key] !== asked[key] && !(key === "config" && isOf(place.config, asked.config)));
+    if (missing.length) tell(`The address names what is not on this page: ${missing.map((key) => `${key} ${asked[key]}`).join(", ")}.`);
+  });
   return true;
 }

@@ -93,7 +93,7 @@ class ReportPage(BrowserPage):
         """The part of a figure whose label begins with these words, as soon as it is drawn."""
         return self.wait(lambda: self.all(f'[role="button"][aria-label^="{words}"]'), words)[0]
 
-    def wait_for_place(self, configuration: str, clip: str, subject: str, frame: int) -> None:
+    def wait_for_place(self, configuration: str, clip: str, subject: str, frame: int | str) -> None:
         canvas, place = self.find("#timeline"), [configuration, clip, subject, str(frame)]
         keys = ("data-config", "data-clip", "data-subject", "data-frame")
         self.wait(lambda: [canvas.get_attribute(key) for key in keys] == place, str(place))
@@ -296,6 +296,37 @@ def test_a_frame_whose_number_is_a_time_stamp_is_named_to_the_last_digit(report:
     report.wait(lambda: report.browser.current_url.endswith(f"frame={stamps[-1]}"))
     report.open(tmp_path / "report.html", clip="clip", config="one", subject="girl", frame=stamps[1])
     report.wait_for_place("one", "clip", "girl", stamps[1])
+
+
+@pytest.mark.parametrize(
+    "gone", [{"clip": "gone"}, {"config": "gone"}, {"subject": "gone"}, {"frame": 7}], ids=lambda gone: next(iter(gone))
+)
+def test_an_address_of_another_run_shows_no_frame_as_if_it_were_that_one(
+    report: ReportPage, small: Path, gone: dict[str, Any]
+) -> None:
+    report.open(small, **{"clip": "other", "config": "one", "subject": "girl", "frame": 2} | gone)
+    report.wait_for_place("one", "clip" if "clip" in gone else "other", "girl", "")
+    assert not report.find("#frame").is_displayed()
+    ((key, name),) = gone.items()
+    assert f"{key} {name}" in report.find("#said.seen").text
+    report.press("n")
+    report.box("Frame 2 – wrong")
+    assert not report.all("#said.seen")
+
+
+def test_the_address_of_a_section_leads_there_and_chooses_no_clip(report: ReportPage, small: Path) -> None:
+    report.open(small, clip="other", config="one", subject="girl", frame=2)
+    report.box("Frame 2 – wrong")
+    report.js("location.hash = 'confusion'")
+    report.press(RIGHT)
+    report.wait_for_place("one", "other", "girl", 3)
+
+
+def test_a_click_that_finds_no_frame_says_so(report: ReportPage, small: Path) -> None:
+    report.open(small)
+    report.click(report.button("it's two: FRR 100.0 %"))
+    report.wait(lambda: report.all("#said.seen"))
+    assert report.find("#timeline").get_attribute("data-frame") == ""
 
 
 def test_pointing_at_a_frame_shows_its_attention_and_a_click_keeps_it(page: ReportPage) -> None:
