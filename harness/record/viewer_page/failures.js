@@ -60,7 +60,7 @@ function go(failure) {
   if (!failure) return;
   current = failure;
   history.replaceState(null, "", `#${addressOf(failure)}`);
-  if (!labelForm.root.hidden) labelForm.close();
+  labelForm.close();
   mark();
   showAddress(failure.open);
 }

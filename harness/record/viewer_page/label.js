@@ -47,16 +47,18 @@ class LabelForm {
     this.subject.addEventListener("change", () => this.open({ ...this.asked, subject: this.subject.value }));
   }
 
-  /** Open it for the look of a person around a frame. */
+  /** Open it for the look of a person around a frame, unless it was closed, or opened for another one, meanwhile. */
   async open(asked) {
     this.asked = asked;
     const answer = await fetch(`/label.json?${new URLSearchParams(Object.entries(asked).filter(([, value]) => value !== null && value !== undefined))}`);
+    const content = await (answer.ok ? answer.json() : answer.text());
+    if (this.asked !== asked) return;
     this.root.hidden = false;
     if (!answer.ok) {
-      this.said.value = await answer.text();
+      this.said.value = content;
       return;
     }
-    const { subjects, subject, targets, target, first, last } = await answer.json();
+    const { subjects, subject, targets, target, first, last } = content;
     const options = (names) => names.map((value) => make("option", { value }, value));
     this.subject.replaceChildren(...options(subjects));
     this.subject.value = subject;
@@ -76,6 +78,8 @@ class LabelForm {
   }
 
   close() {
+    this.asked = null;
+    if (this.root.hidden) return;
     this.root.hidden = true;
     document.getElementById("canvas").focus();
   }

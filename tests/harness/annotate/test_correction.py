@@ -367,6 +367,38 @@ def test_a_look_is_labelled_beside_the_viewer_and_the_next_failure_is_shown(run:
     _agree(run, {1: "mug", 2: "vase", 3: "mug", 4: "mug"})
 
 
+HELD_ANSWERS = """
+const ask = window.fetch;
+window.held = [];
+window.fetch = (what, how) => !String(what).startsWith("/label.json") ? ask(what, how) : new Promise((resolve) => {
+    held.push((frame) => resolve(Response.json(
+        {subjects: ["anna"], subject: "anna", targets: ["mug"], target: "mug", first: frame, last: frame})));
+});
+"""
+
+
+def test_the_form_beside_the_viewer_is_about_the_frame_that_is_shown(failures: Chrome) -> None:
+    from selenium.webdriver import ActionChains
+
+    def press(keys: str) -> None:
+        ActionChains(failures).send_keys(keys).perform()
+
+    def answered(number: int, frame: int) -> tuple[bool, str]:
+        script = "const [number, frame, done] = arguments; held[number](frame); setTimeout(done, 100);"
+        failures.execute_async_script(script, number, str(frame))
+        return form.is_displayed(), str(form.find_element("name", "first").get_property("value"))
+
+    form = failures.find_element("id", "label")
+    failures.execute_script(HELD_ANSWERS)
+    press("wnw")  # faster than the server answers
+    assert failures.execute_script("return held.length") == 2
+    assert answered(1, 3) == (True, "3")
+    assert answered(0, 2) == (True, "3")
+    failures.find_element("id", "next").click()
+    press("wn")
+    assert answered(2, 2) == (False, "3")
+
+
 @pytest.mark.parametrize("back", ["http://elsewhere.example", "//elsewhere.example", "/\\\\elsewhere.example"])
 def test_the_form_leads_to_no_other_server(back: str) -> None:
     with pytest.raises(VfoaError, match="back"):
