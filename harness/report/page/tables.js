@@ -10,7 +10,7 @@ const amount = (cell) => Number.parseFloat(cell.replace("<", "").replace("−", 
 function compared(a, b, words) {
   if (words) return a.localeCompare(b, undefined, { numeric: true });
   const [first, second] = [amount(a), amount(b)];
-  if (Number.isNaN(first) || Number.isNaN(second)) return Number.isNaN(first) - Number.isNaN(second);
+  if (Number.isNaN(first) || Number.isNaN(second)) return Number.isNaN(first) - Number.isNaN(second) || a.localeCompare(b);
   return first - second;
 }
 

@@ -350,6 +350,21 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _write(run, {"one": given}, clip=["cup"] * 1500)
 
 
+def test_a_column_of_words_among_numbers_is_sorted(report: ReportPage, small: Path) -> None:
+    report.open(small)
+    fold = report.find("#rates ~ details[data-table]")
+    report.js("arguments[0].open = true", fold)
+    (head,) = report.wait(lambda: fold.find_elements("xpath", ".//th[.='Beaten']/button"))
+    column = "return [...arguments[0].querySelectorAll('tbody tr')].map((row) => row.cells[arguments[1]].textContent)"
+    place = report.js("return arguments[0].parentElement.cellIndex", head)
+    before = report.js(column, fold, place)
+    assert len({*before}) == 2
+    report.click(head)
+    assert report.js(column, fold, place) == sorted(before, reverse=True)
+    report.click(head)
+    assert report.js(column, fold, place) == sorted(before)
+
+
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_wrong_frame_among_1500_is_found_by_keys_clicks_and_the_filter(
     report: ReportPage, long: Path, width: int
