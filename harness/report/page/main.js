@@ -40,7 +40,7 @@ function wrongFrames(fold) {
 function listen() {
   window.addEventListener("hashchange", () => readAddress({ jump: true }));
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest("input, select, textarea")) return;
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest("input:not([type=checkbox]), select, textarea")) return;
     const goals = { escape: close, n: () => step(1), p: () => step(-1) };
     const goal = shown.track && goals[event.key.toLowerCase()];
     if (goal) goal();

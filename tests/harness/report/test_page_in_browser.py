@@ -695,3 +695,11 @@ def test_the_oracle_ablation_is_a_waterfall(report: ReportPage, tmp_path: Path) 
         "as run: FRR 50.0 %",
         "+ true gaze: FRR 75.0 %, +25.0 points",
     ]
+
+
+def test_n_and_p_work_after_a_click_on_the_box_of_oracle_steps(report: ReportPage, tmp_path: Path) -> None:
+    report.open(_write(tmp_path, {"one": ("cup", "dragon"), "one+gaze": ("cup", "cup")}, clip=["cup"] * 2))
+    box = report.find("#draw-timeline input[type=checkbox]")
+    box.click()
+    box.send_keys("n")
+    report.wait_for_place("one", "clip", "girl", 2)
