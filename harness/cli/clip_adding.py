@@ -142,7 +142,7 @@ def _faces_experiment(
     from harness.files.io import read_text
     from harness.files.parsing import toml_value
     from harness.pipeline.stage_files.other_programs import check_program, parts_in, read_part
-    from harness.run.experiment import load_experiment
+    from harness.run.experiment import default_configuration
 
     if openface is None and gaze3d is None:
         return None
@@ -156,12 +156,11 @@ def _faces_experiment(
         if added.rig is None:
             raise VfoaError(f"--{program}: found {added.layout}, a clip of measurements; expected a clip with images")
         parts = parts_in(table, program)
-        (default,) = load_experiment("default", clips=("any",)).configurations
         lines = [
             f"# Heads, head poses and gazes of {program}, made by `vfoa clips add`",
             f"clips = [{toml_value(added.name)}]",
             "[defaults.attention]",  # as of any clip: presets and --set come before it
-            f"method = {toml_value(default.attend.attention.method)}",
+            f"method = {toml_value(default_configuration().attend.attention.method)}",
             "[[configuration]]",
             f'name = "{program}"',
             f'stereo.matcher = "{"sgbm" if added.has_right else "sensor"}"',

@@ -85,9 +85,9 @@ def doctor() -> None:
 def _fetch_all() -> str:
     """The end of a sentence with the one command that fetches all models of a default run; empty if they are here."""
     from harness.pipeline.weights import missing_weights
-    from harness.run.experiment import load_experiment
+    from harness.run.experiment import default_configuration
 
-    (default,) = load_experiment("default", clips=("any",)).configurations
+    default = default_configuration()
     missing = missing_weights(default.stages)
     return f"; fetch its models: `{missing.fetch}`" if missing else ""
 
@@ -129,9 +129,9 @@ def _weights() -> Iterator[Finding]:
     """For each slot, the stages that can run, and how to get the weights of the default stage."""
     from harness.pipeline.configuration import STAGES
     from harness.pipeline.weights import missing_weights, ready_stages
-    from harness.run.experiment import load_experiment
+    from harness.run.experiment import default_configuration
 
-    (default,) = load_experiment("default", clips=("any",)).configurations
+    default = default_configuration()
     for slot, choice in default.choices.items():
         missing = missing_weights([choice] if choice else [], others=default.stages)
         fix = " or ".join((missing.fetch, *missing.alternatives)) if missing else None

@@ -378,10 +378,12 @@ def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
 
 
 def _similar(category: str, known: Collection[str]) -> str | None:
-    """The known category that is most similar to another word, in capitals or not; None if there is none."""
+    """The known category that a word was meant for, in capitals or not; None if it is one, or none is similar."""
+    if category in known:
+        return None
     folded = {word.casefold(): word for word in known}
     near = difflib.get_close_matches(category.casefold(), folded, n=1, cutoff=0.75)
-    return folded[near[0]] if near and category not in known else None
+    return folded[near[0]] if near else None
 
 
 def unknown_categories(manifest: ClipManifest) -> list[str]:

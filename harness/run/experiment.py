@@ -142,6 +142,12 @@ class _File(Settings):
     recording: RecordingKind = "light"
 
 
+def default_configuration() -> Configuration:
+    """Return that of ``vfoa run CLIP``, whatever the clip."""
+    (default,) = load_experiment("default", clips=("any",)).configurations
+    return default
+
+
 def load_experiment(
     name_or_path: str, *, clips: tuple[str, ...] = (), overrides: tuple[str, ...] = (), preset: str | None = None
 ) -> Experiment:

@@ -116,14 +116,15 @@ def notes_on_clock(name: str, stamps: Iterable[tuple[int, int]], most_in_a_row: 
         Most messages in a row that may be written behind a later one.
     """
     latest_ns: dict[int, int] = {}
-    late, in_a_row, back_ns = 0, [0], 0
+    late = in_a_row = most_found = back_ns = 0
     for file, stamp_ns in stamps:
         before_ns = latest_ns.get(file, stamp_ns)
         latest_ns[file] = max(before_ns, stamp_ns)
         is_late = stamp_ns < before_ns
         late, back_ns = late + is_late, max(back_ns, before_ns - stamp_ns)
-        in_a_row.append(in_a_row[-1] + 1 if is_late else 0)
-    if max(in_a_row) <= most_in_a_row:
+        in_a_row = in_a_row + 1 if is_late else 0
+        most_found = max(most_found, in_a_row)
+    if most_found <= most_in_a_row:
         return []
     return [
         f"{name}: {late} messages were recorded after ones with later stamps, by up to {back_ns / 1e9:g} s: was the "
