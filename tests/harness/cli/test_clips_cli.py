@@ -329,10 +329,16 @@ def test_pictures_of_16_bits_and_of_8_have_no_note(tmp_path: Path) -> None:
     assert not [note for note in _check("wall")[1]["notes"] if "16-bit" in note]
 
 
+def test_a_misspelt_category_is_said(tmp_path: Path) -> None:
+    _clip(tmp_path, manifest=MANIFEST.replace('"person"', '"persn"').replace('"bird"', '"dragon"'))
+    notes = _check("wall")[1]["notes"]
+    assert notes == ["subjects.girl: no model of COCO's categories knows 'persn'; did you mean 'person'?"]
+
+
 @pytest.mark.parametrize(
     ("written", "meant"), [("persn", "person"), ("Person", "person"), ("TV", "tv"), ("tv", None), ("dragon", None)]
 )
-def test_a_misspelt_category_is_said(tmp_path: Path, written: str, meant: str | None) -> None:
+def test_a_category_is_found_in_capitals_too(tmp_path: Path, written: str, meant: str | None) -> None:
     _clip(tmp_path, manifest=MANIFEST.replace('category = "bird"', f'category = "{written}"'))
     notes = _check("wall")[1]["notes"]
     said = f"targets.bird: no model of COCO's categories knows {written!r}; did you mean {meant!r}?"

@@ -246,7 +246,9 @@ def test_a_name_that_is_not_utf_8_does_not_end_the_process(tmp_path: Path) -> No
 
 def test_tags_of_another_coding_than_utf_8_do_not_matter(tmp_path: Path) -> None:
     path = _film(tmp_path / "a.mkv", pictures_s=0.0, sound_s=None, title="caf\u00e9 ")
-    path.write_bytes(path.read_bytes().replace("caf\u00e9 ".encode(), "caf\u00e9s ".encode("latin-1")))
+    utf_8, latin_1 = "caf\u00e9 ".encode(), "caf\u00e9s ".encode("latin-1")
+    assert utf_8 in path.read_bytes()
+    path.write_bytes(path.read_bytes().replace(utf_8, latin_1))
     assert len(Video(path).frames) == 10
     assert (first_picture_s(path), container_tags(path)["title"][:3]) == (0.0, "caf")
 
