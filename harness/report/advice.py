@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import ValidationError
+
 from harness.record.layers import Plain
 from harness.run.results import has_images
 from vfoa.cones import ConesSettings
@@ -17,8 +19,6 @@ from vfoa.registry import AUTO
 
 WIDE, NARROW = 40.0, 20.0
 """Degrees or cm: cones of the paper have a radius in cm for a height of 1.10 m; 40 cm are 40 degrees, 20 cm are 21."""
-_BELOW = {"cones_deg": 180.0, "cones_cm": 10_000.0}
-"""What no cone that is advised reaches, by the setting: the bounds of :class:`vfoa.cones.ConesSettings`."""
 
 VIEW = "vfoa view RUN"
 """The command that shows a run, as pages and tables have it, which may be read anywhere."""
@@ -73,13 +73,17 @@ class _Run:
 
         "" if the configurations have both units, or no cones, or if there is no cone of this size.
         """
-        used = {key: self.values("attention", key) for key in _BELOW}
+        used = {key: self.values("attention", key) for key in ("cones_deg", "cones_cm")}
         units = [key for key, cones in used.items() if any(cones)]
         if len(units) != 1:
             return ""
         (unit,) = units
         best = size([max(cones) for cones in used[unit] if cones])
-        return f" (--set attention.{unit}=[{best:g}])" if best < _BELOW[unit] else ""
+        try:
+            ConesSettings.model_validate({unit: (best,)})
+        except ValidationError:
+            return ""
+        return f" (--set attention.{unit}=[{best:g}])"
 
     def another_matcher(self) -> Iterator[str]:
         """Advice to match by the other method, where one method matched in all configurations."""
