@@ -55,6 +55,16 @@ def check_size(size_px: tuple[int, int], calibrated_px: tuple[int, int], what: s
         raise VfoaError(f"{what} of {found} pixels; expected {expected}, the size that the calibration is for")
 
 
+def check_first_size(size_px: tuple[int, int], first_px: tuple[int, int]) -> None:
+    """Raise a :class:`VfoaError` if an image has another (width, height) than the clip's first one."""
+    if size_px != first_px:
+        found, expected = (f"{width} x {height}" for width, height in (size_px, first_px))
+        raise VfoaError(
+            f"found an image of {found} pixels; expected {expected}, as in the first frame: its calibration is for one "
+            "size, so make a clip of each"
+        )
+
+
 def _listed(numbers: tuple[float, ...]) -> str:
     return ", ".join(f"{number:g}" for number in numbers)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from harness.sources import Recognised, Truth, check_number, given_root
-from harness.sources.calibration import Calibration
+from harness.sources.calibration import Calibration, check_first_size
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
 from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note, shrinking_note
@@ -69,6 +70,7 @@ class StereoFolderClip:
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._views = settings.views(folder)
+        self._first_px: tuple[int, int] | None = None
         self.frames = self._views.frames
         self.rate_hz = settings.rate_hz or self._views.rate_hz
         """The manifest's rate, else that of the files."""
@@ -138,9 +140,11 @@ class StereoFolderClip:
         return digest.hexdigest()
 
     def _rectifier_of(self, left: Image) -> Rectifier:
-        """The rectifier of images of this size, computed when the first one is read: a clip has one size."""
+        """The rectifier of an image, which has the size of the clip's first one; computed when one is read."""
+        size_px = self._size_px()
+        check_first_size((left.shape[1], left.shape[0]), size_px)
         if self._rectifier is None:
-            self._rectifier = Rectifier(scaled_to(self._cameras, (left.shape[1], left.shape[0])))
+            self._rectifier = Rectifier(scaled_to(self._cameras, size_px))
         return self._rectifier
 
     def _read_cameras(self, folder: Path) -> Cameras:
@@ -152,5 +156,14 @@ class StereoFolderClip:
         return read_cameras(paths, self._size_px, settings)
 
     def _size_px(self) -> tuple[int, int]:
-        left, _ = self._views.read(self.frames[0])
-        return left.shape[1], left.shape[0]
+        """Of the first frame that can be read; raises as :meth:`frame` if there is none."""
+        if self._first_px is None:
+            left = self._first_left()
+            self._first_px = left.shape[1], left.shape[0]
+        return self._first_px
+
+    def _first_left(self) -> Image:
+        for number in self.frames:
+            with suppress(VfoaError):
+                return self._views.read_left(number)
+        return self._views.read_left(self.frames[0])

@@ -16,6 +16,7 @@ import numpy as np
 from harness.files.digests import digest_files
 from harness.files.io import check_fetched
 from harness.sources import Recognised, Truth, check_number, given_root
+from harness.sources.calibration import check_first_size
 from harness.sources.media.frame_files import join_nearest, join_times, nearest_apart, rate_of
 from harness.sources.media.maps import MILLIMETRES
 from harness.sources.recordings import realsense, zed
@@ -218,6 +219,7 @@ class RecordingClip:
         }
         self._counts_per_m, counted = self._depth_unit(topics)
         self._frames, paired = join_streams(self._streams, settings, self._where)
+        self._first_px: tuple[int, int] | None = None
         self.frames = range(1, len(self._frames) + 1)
         """Frame numbers from 1; dropped frames have no number."""
         self._optics: PairCameras | DepthCamera
@@ -253,6 +255,8 @@ class RecordingClip:
                 left, right = split_views(left, self._settings.packing, streams.left.name)
             elif streams.right is not None and places.right is not None:
                 right = self._image(streams.right, places.right)
+            if self._settings.camera or self._settings.calibration:
+                check_first_size((left.shape[1], left.shape[0]), self._size_px())
             if streams.depth is not None:  # unknown everywhere for a frame of a pair without one
                 depth_m = np.full(left.shape[:2], np.nan, np.float32)
                 depth_m = depth_m if places.depth is None else self._depth(streams.depth, places.depth)
@@ -310,10 +314,23 @@ class RecordingClip:
         return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"
 
     def _size_px(self) -> tuple[int, int]:
-        image = self._image(self._streams.left, self._frames[0].left)
+        """Of the first left image that can be read; raises as :meth:`frame` if there is none."""
+        if self._first_px is None:
+            left = self._first_left()
+            self._first_px = left.shape[1], left.shape[0]
+        return self._first_px
+
+    def _first_left(self) -> Image:
+        for places in self._frames:
+            with suppress(VfoaError):
+                return self._left(places.left)
+        return self._left(self._frames[0].left)
+
+    def _left(self, place: Place) -> Image:
+        image = self._image(self._streams.left, place)
         if self._streams.is_packed:
             image, _ = split_views(image, self._settings.packing, self._streams.left.name)
-        return image.shape[1], image.shape[0]
+        return image
 
 
 def open_container(path: Path) -> Container:

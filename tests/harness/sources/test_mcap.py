@@ -60,6 +60,21 @@ def test_jpeg_is_close(tmp_path: Path) -> None:
     assert np.abs(clip.frame(1).left.astype(int) - smooth).mean() < 2
 
 
+def test_images_of_another_size_than_the_first_are_refused_with_a_given_camera(tmp_path: Path) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for n in (1, 2):
+            for side in ("left", "right"):
+                record.picture(f"/{side}/image", stamp(n), picture(n, WIDTH // n, HEIGHT // n))
+    camera = {"fx_px": 100, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
+    clip = open_clip(tmp_path / "a.mcap", camera=camera)
+    for number in (2, 1, 2):
+        if number == 1:
+            assert clip.frame(number).left.shape == (HEIGHT, WIDTH, 3)
+            continue
+        with pytest.raises(VfoaError, match=r"frame 2: found an image of 32 x 24 pixels; expected 64 x 48, as in"):
+            clip.frame(number)
+
+
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
 def test_every_compression_is_read(tmp_path: Path, compression: CompressionType) -> None:
     clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs(), compression=compression))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -87,6 +88,28 @@ def test_other_sizes_wrong_folders_and_numbers_are_one_line(tmp_path: Path) -> N
         StereoFolderClip(SETTINGS.model_copy(update={"left": "lef"}), tmp_path)
     with pytest.raises(VfoaError, match="gone: no such folder"):
         StereoFolderClip(SETTINGS, tmp_path / "gone")
+
+
+@pytest.mark.parametrize("first_read", [1, 3])
+def test_images_of_another_size_than_the_first_are_refused(tmp_path: Path, first_read: int) -> None:
+    stereo_pair_folder(tmp_path)
+    for side in ("left", "right"):
+        write_image(tmp_path / side / "000003.png", picture(0, WIDTH // 2, HEIGHT // 2))
+    clip = StereoFolderClip(SETTINGS, tmp_path)
+    with suppress(VfoaError):
+        clip.frame(first_read)
+    assert clip.frame(2).left.shape == (HEIGHT, WIDTH, 3)
+    with pytest.raises(VfoaError, match=r"left/000003\.png: found an image of 32 x 24 pixels; expected 64 x 48, as in"):
+        clip.frame(3)
+
+
+def test_other_frames_are_read_if_the_first_one_is_damaged(tmp_path: Path) -> None:
+    stereo_pair_folder(tmp_path)
+    (tmp_path / "left" / "000001.png").write_bytes(b"")
+    clip = StereoFolderClip(SETTINGS, tmp_path)
+    assert clip.frame(2).left.shape == (HEIGHT, WIDTH, 3)
+    with pytest.raises(VfoaError, match=r"000001\.png: the file is empty"):
+        clip.frame(1)
 
 
 def test_times_beyond_64_bits_and_a_camera_of_true_are_one_line(tmp_path: Path) -> None:
