@@ -38,7 +38,7 @@ from harness.sources.recordings.topics import (
 )
 from harness.sources.recordings.video import MOST_REORDERED, VideoDecoder
 from harness.sources.stereo_pairs import split_views
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 from vfoa.types import Image, Map, StereoFrame
 
 _NOTED_NS = 1e6
@@ -83,6 +83,28 @@ def join_streams(
                 f"{streams.depth.name}: {lost} of {len(joined)} frames have no depth within {_ms(tolerance_ns)}"
             )
     return tuple(Sides(left, rights.get(left), depths.get(left)) for left in joined), tuple(notes)
+
+
+def notes_on_unstamped(streams: Streams, where: str) -> list[str]:
+    """A note for each topic some of whose images have no time stamp.
+
+    Raises
+    ------
+    VfoaError
+        If none of them has one.
+    """
+    unstamped = {topic.name: topic for topic in streams if topic is not None and topic.unstamped}.values()
+    for topic in unstamped:
+        if not topic.places:
+            raise VfoaError(
+                f"{where}: {topic.name}: {counted(len(topic.unstamped), 'image')} without time stamp; expected one in "
+                'each, images are joined by it (stamps = "log" in [source] joins them by the time of recording)'
+            )
+    return [
+        f"{topic.name}: {len(topic.unstamped)} of {len(topic.unstamped) + len(topic.places)} images have no time stamp "
+        "and are left out"
+        for topic in unstamped
+    ]
 
 
 def notes_on_files(places: Sequence[Place], files: Sequence[Path]) -> list[str]:
@@ -205,13 +227,14 @@ class RecordingClip:
         window = window_of(span_ns, settings.start_s, settings.end_s, self._where)
         index = self._container.index(window, by_log_time=settings.stamps == "log")
         topics = index.topics
-        if not any(topic.is_image and topic.places for topic in topics):
+        if not any(topic.is_image and (topic.places or topic.unstamped) for topic in topics):
             if index.losses:
                 what = "image" if topics else "message"
                 raise VfoaError(f"{self._where}: no {what} can be read: {'; '.join(index.losses[:_SHOWN])}")
             if window is not None:
                 raise VfoaError(f"{self._where}: source.start_s, source.end_s: no images in that part of the recording")
         self._streams = find_streams(topics, settings, self._where)
+        unstamped = notes_on_unstamped(self._streams, self._where)
         self._videos = {
             topic.name: VideoDecoder(topic, self._container.read, self._where)
             for topic in self._streams
@@ -230,7 +253,13 @@ class RecordingClip:
             self._optics = PairCameras(topics, recording, self._folder, self._size_px)
         by_log = 'images are joined by the time of recording (stamps = "log"), not by when they were taken'
         self.notes = (
-            *(*index.losses, *paired, *unused_pairs(topics, self._streams), *unused_depth(topics, self._streams)),
+            *(
+                *index.losses,
+                *unstamped,
+                *paired,
+                *unused_pairs(topics, self._streams),
+                *unused_depth(topics, self._streams),
+            ),
             *notes_on_files(self._streams.left.places, self._container.files),
             *(self._notes_on_stamps() if settings.stamps == "header" else ()),
             *(*self._optics.notes, *counted),

@@ -185,14 +185,14 @@ class TopicIndex:
             topic.packets.append((place, begins_video(topic.type, data, where)))
 
     def sorted(self) -> TopicIndex:
-        """The same, with the places of each topic in the order of their stamps.
+        """The same, with the places of each topic in the order of their stamps (:meth:`Topic.sort`).
 
         Of several types of images (or calibrations) under one name, the one with the most messages counts; of equal
         ones, raw.
         """
         alike = defaultdict[tuple[str, str | None], list[Topic]](list)
         for topic in self._topics.values():
-            topic.places.sort()
+            topic.sort()
             alike[topic.name, "image" if topic.is_image else topic.kind].append(topic)
         for (name, role), topics in alike.items():
             if role not in ("image", "calibration"):

@@ -280,24 +280,18 @@ def _named_types(description: Any) -> Iterator[str]:
 
 
 def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
-    """Time at which the picture was taken: the header's stamp, nanoseconds.
+    """Time at which the picture was taken: the header's stamp, nanoseconds; 0 if it was not set.
 
     Raises
     ------
     VfoaError
-        If the message is not of its type, or an image's stamp was not set.
+        If the message is not of its type.
     """
     with reading(kind, where):
         field = fields_of(kind, data, where)
         stamp = field("timestamp") if _is_flat(kind) else field("header").stamp
         seconds, fraction_ns = (stamp.sec, stamp.nanosec) if kind.is_ros else (stamp.seconds, stamp.nanos)
-        time_ns = int(seconds) * 10**9 + int(fraction_ns)
-    if time_ns == 0 and kind.kind in IMAGES:  # a calibration that is sent once may be valid for all times
-        raise VfoaError(
-            f"{where}: a {kind.name} without time stamp; expected one, images are joined by it "
-            '(stamps = "log" in [source] joins them by the time of recording)'
-        )
-    return time_ns
+        return int(seconds) * 10**9 + int(fraction_ns)
 
 
 def picture(kind: MessageType, data: bytes, where: str) -> ImageMessage:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import re
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
@@ -26,6 +27,10 @@ Item = TypeVar("Item")
 _RECTIFIED = re.compile("(?:^|[/_])rect(?:ified)?(?![a-z])")
 
 
+_FIRST_STEP_NS = 10 * 10**9
+"""Longest time between the first image of a simulation, at 0, and the second one."""
+
+
 class Place(NamedTuple):
     """Position of one message: time stamp, file's index, and two numbers by which its container finds it there."""
 
@@ -39,14 +44,16 @@ class Place(NamedTuple):
 class Topic:
     """One topic over all files.
 
-    ``places`` are kept only for camera data. ``packets`` are all packets of a video in the order of writing, each with
-    whether a decoder can begin there. ``header`` is the first image without its content.
+    ``places`` are kept only for camera data; those of images without a time stamp are in ``unstamped`` instead.
+    ``packets`` are all packets of a video in the order of writing, each with whether a decoder can begin there.
+    ``header`` is the first image without its content.
     """
 
     name: str
     type: MessageType
     count: int = 0
     places: list[Place] = field(default_factory=list)
+    unstamped: list[Place] = field(default_factory=list)
     packets: list[tuple[Place, bool]] = field(default_factory=list)
     header: ImageMessage | None = None
 
@@ -71,6 +78,19 @@ class Topic:
     def is_called_rectified(self) -> bool:
         """Whether its name says that its images are rectified: ``image_rect_color``, ``rect/image``, ``rectified``."""
         return bool(_RECTIFIED.search(self.name))
+
+    def sort(self) -> None:
+        """Put the places in the order of their stamps, those of images without one apart.
+
+        A simulation's clock begins at 0: one image with that stamp, shortly before the next one, has it rightly.
+        """
+        self.places.sort()
+        if not self.is_image:
+            return
+        unset = bisect.bisect_right(self.places, 0, key=lambda place: place.stamp_ns)
+        if unset == 1 and len(self.places) > 1 and self.places[1].stamp_ns <= _FIRST_STEP_NS:
+            return
+        self.unstamped, self.places = self.places[:unset], self.places[unset:]
 
     def __str__(self) -> str:
         return f"{self.name} ({self.type.name}, {counted(self.count, 'message')})"

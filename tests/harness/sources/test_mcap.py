@@ -19,7 +19,7 @@ from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.topics import RecordingSettings
 from tests.calibrations import write_opencv
 from tests.disk import HEIGHT, WIDTH, picture, write_text
-from tests.harness.sources.numbered_recording import LEFT, RIGHT, open_clip, pairs, stamp
+from tests.harness.sources.numbered_recording import LEFT, RIGHT, STEP_NS, open_clip, pairs, stamp
 from tests.recordings import Camera, Family, Pixels, recorder, rectified_camera, write_pairs
 from vfoa.errors import VfoaError
 
@@ -111,6 +111,39 @@ def test_stamps_of_the_log_join_what_headers_cannot(tmp_path: Path, header_ns: i
 def test_unset_headers_are_said_with_the_way_out(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r'time stamp.*\(stamps = "log" in'):
         open_clip(write_unset(tmp_path / "a.mcap"))
+
+
+def test_images_of_other_topics_need_no_stamps(tmp_path: Path) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for n in (1, 2):
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", stamp(n), camera)
+                record.picture(f"/{side}/image", stamp(n), picture(n))
+            record.picture("/detector/debug_image", 0, picture(n), log_ns=stamp(n))
+    clip = open_clip(tmp_path / "a.mcap")
+    assert [clip.time_ns(n) for n in clip.frames] == [stamp(1), stamp(2)]
+    assert clip.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("stamps", "kept", "lost"),
+    [
+        ([0, STEP_NS, 2 * STEP_NS], [0, STEP_NS, 2 * STEP_NS], 0),  # a simulation
+        ([0, stamp(1), stamp(2)], [stamp(1), stamp(2)], 1),  # a node that had no clock yet
+        ([0, 0, STEP_NS], [STEP_NS], 2),
+    ],
+)
+def test_the_first_stamp_of_a_simulation_is_0(tmp_path: Path, stamps: list[int], kept: list[int], lost: int) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for n, stamp_ns in enumerate(stamps, start=1):
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", stamp_ns, camera, log_ns=stamp(n))
+                record.picture(f"/{side}/image", stamp_ns, picture(n), log_ns=stamp(n))
+    clip = open_clip(tmp_path / "a.mcap")
+    assert [clip.time_ns(n) for n in clip.frames] == kept
+    assert np.array_equal(clip.frame(1).left, picture(lost + 1))
+    losses = [f"/{side}/image: {lost} of 3 images have no time stamp and are left out" for side in ("left", "right")]
+    assert list(clip.notes) == (losses if lost else [])
 
 
 def written_in_order(path: Path, written: Sequence[tuple[int, int]]) -> Path:
