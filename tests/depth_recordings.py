@@ -26,7 +26,7 @@ from harness.record.images import open_without_real_time
 
 Format = Literal["bag", "bag bz2", "bag lz4", "db3", "mcap", "db3 zstd file", "db3 zstd message"]
 FORMATS: tuple[Format, ...] = ("bag", "db3", "mcap")
-DepthForm = Literal["raw", "png", "32FC1", "32FC1 png"]
+DepthForm = Literal["raw", "64FC1", "png", "32FC1", "32FC1 png"]
 
 COLOUR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
 INFO = "/camera/color/camera_info"
@@ -257,8 +257,9 @@ def write_depth(write: Messages, shot: Shot, form: DepthForm) -> None:
     metres = shot.depth_mm.astype(np.float32) / 1000
     if form == "raw":
         write.image(DEPTH, shot.stamp_ns, shot.depth_mm, "16UC1")
-    elif form == "32FC1":
-        write.image(DEPTH, shot.stamp_ns, np.where(metres > 0, metres, np.float32(np.nan)), "32FC1")
+    elif form in ("32FC1", "64FC1"):
+        known = np.where(metres > 0, metres, np.float32(np.nan))
+        write.image(DEPTH, shot.stamp_ns, known.astype(np.float64) if form == "64FC1" else known, form)
     else:
         form_text, data = compressed_depth(shot.depth_mm, form)
         write.compressed(f"{DEPTH}/compressedDepth", shot.stamp_ns, form_text, data)

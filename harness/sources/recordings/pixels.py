@@ -20,14 +20,20 @@ from vfoa.types import Image, Map
 
 # encoding -> bytes of one sample, samples of one pixel, OpenCV's conversion (None: RGB already)
 _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
-    "rgb8": (1, 3, None),
-    "bgr8": (1, 3, cv2.COLOR_BGR2RGB),
-    "8UC3": (1, 3, cv2.COLOR_BGR2RGB),
-    "rgba8": (1, 4, cv2.COLOR_RGBA2RGB),
-    "bgra8": (1, 4, cv2.COLOR_BGRA2RGB),
-    "mono8": (1, 1, cv2.COLOR_GRAY2RGB),
-    "8UC1": (1, 1, cv2.COLOR_GRAY2RGB),
-    "mono16": (2, 1, cv2.COLOR_GRAY2RGB),
+    **{
+        f"{name}{8 * sample_bytes}{channels}": (sample_bytes, samples, conversion)
+        for name, channels, samples, conversion in (
+            ("rgb", "", 3, None),
+            ("bgr", "", 3, cv2.COLOR_BGR2RGB),
+            ("rgba", "", 4, cv2.COLOR_RGBA2RGB),
+            ("bgra", "", 4, cv2.COLOR_BGRA2RGB),
+            ("mono", "", 1, cv2.COLOR_GRAY2RGB),
+            ("", "UC1", 1, cv2.COLOR_GRAY2RGB),  # OpenCV's types, whose colours are BGR
+            ("", "UC3", 3, cv2.COLOR_BGR2RGB),
+            ("", "UC4", 4, cv2.COLOR_BGRA2RGB),
+        )
+        for sample_bytes in (1, 2)
+    },
     "yuv422": (1, 2, cv2.COLOR_YUV2RGB_UYVY),
     "uyvy": (1, 2, cv2.COLOR_YUV2RGB_UYVY),
     "yuv422_yuy2": (1, 2, cv2.COLOR_YUV2RGB_YUY2),
@@ -107,7 +113,7 @@ def _rows(raw: ImageMessage, pixel_bytes: int, where: str) -> NDArray[np.uint8]:
     return np.frombuffer(raw.data, np.uint8, raw.step * height).reshape(height, raw.step)[:, :row_bytes]
 
 
-_DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+_DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4", "64FC1": "f8"}
 _HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transport, compression_common.h
 INFRARED = "infra|[/_]ir(?![a-z])"
 """Names of topics in infrared, in lower case, as a pattern; a robot may be called iRobot."""
@@ -120,7 +126,7 @@ def may_be_depth(name: str, header: ImageMessage | None) -> bool:
     if header is None or _NO_DEPTH.search(name):
         return False
     form = header.form
-    if form in ("16UC1", "32FC1") or "compressedDepth" in form:
+    if form in ("16UC1", "32FC1", "64FC1") or "compressedDepth" in form:
         return True
     # Under a name of depth, "png" images are depth, too; a "jpeg" can only be a picture of depth.
     return "depth" in name and (form == "mono16" or ("png" in form.lower() and "8" not in form))

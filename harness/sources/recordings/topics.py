@@ -437,9 +437,9 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
         return Sides(left, None, depth)
     try:
         left, right = find_pair(topics, settings.left, settings.right, where)
-    except VfoaError:
+    except VfoaError as error:
         if settings.right is not None or not depth_topics(topics):
-            raise
+            raise VfoaError(f"{error}{_lossy_depth(topics)}") from None
         left, depth = find_colour_and_depth(topics, settings.left, None, where)
         return Sides(left, None, depth)
     if settings.left is None and settings.right is None and settings.depth is None and _is_infrared(left):
@@ -450,8 +450,18 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
     if settings.depth is not None:
         images = (topic for topic in topics if topic.is_image)
         return Sides(left, right, named(images, settings.depth, "depth", where))
-    own = [topic for topic in depth_topics(topics) if is_aligned(topic, left) and topic.frame_id == left.frame_id != ""]
+    depths = (topic for topic in depth_topics(topics) if topic not in (left, right))  # gray may be of 16 bits, too
+    own = [topic for topic in depths if is_aligned(topic, left) and topic.frame_id == left.frame_id != ""]
     return Sides(left, right, own[0] if len(own) == 1 else None)
+
+
+def _lossy_depth(topics: Iterable[Topic]) -> str:
+    """The end of a message if there is no pair, and depth is in JPEG, which has lost it; else empty."""
+    forms = {topic.name: topic.header.form.lower() for topic in topics if topic.header is not None}
+    lossy = [name for name, form in forms.items() if "depth" in name.lower() and re.search("jpe?g", form)]
+    if not lossy:
+        return ""
+    return f"; JPEG has lost the depth of {', '.join(lossy)}: record the raw topic, or compressedDepth"
 
 
 def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
@@ -474,7 +484,8 @@ def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]
 
 def unused_depth(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
     """A note if the recording has depth that no frame has."""
-    if streams.depth is not None or not (others := depth_topics(topics)):
+    others = [topic for topic in depth_topics(topics) if topic not in streams]
+    if streams.depth is not None or not others:
         return ()
     names = ", ".join(topic.name for topic in others)
     return (f"depth was recorded, too, and is not of the left camera: {names}; depth = in [source] takes it instead",)

@@ -92,7 +92,7 @@ def test_colour_and_depth_are_those_recorded(tmp_path: Path, kind: Format) -> No
     check_contract(clip)
 
 
-@pytest.mark.parametrize("form", ["png", "32FC1", "32FC1 png"])
+@pytest.mark.parametrize("form", ["png", "32FC1", "64FC1", "32FC1 png"])
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_form_of_depth_gives_the_same_metres(tmp_path: Path, kind: Format, form: DepthForm) -> None:
     frame = open_clip(write_take(tmp_path, kind, map(shot, (1, 2)), form)).frame(2)
@@ -392,6 +392,25 @@ def test_a_bag_that_is_refused_is_closed(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"take\.bag.*'size'") as error:
         bags.open_reader(path)
     assert len(os.listdir("/proc/self/fd")) == len(before), error.value
+
+
+def test_a_pair_in_gray_of_16_bits_is_not_its_own_depth(tmp_path: Path) -> None:
+    with messages(tmp_path, "mcap") as (path, write):
+        for side in ("left", "right"):
+            gray = moving_picture(1)[..., 0].astype(np.uint16) << 8
+            write.image(f"/{side}/image", START_NS, gray, "16UC1", f"{side}_optical")
+    clip = open_clip(path, camera={"fx_px": 60.0, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.12})
+    assert clip.notes == ()
+    assert clip.frame(1).depth_m is None
+    assert np.array_equal(clip.frame(1).left, np.repeat(moving_picture(1)[..., :1], 3, axis=2))
+
+
+def test_depth_in_jpeg_says_what_to_record(tmp_path: Path) -> None:
+    with messages(tmp_path, "mcap") as (path, write):
+        write.image(COLOUR, START_NS, moving_picture(1), "rgb8")
+        write.compressed(f"{DEPTH}/compressed", START_NS, "16UC1; jpeg compressed ", b"\xff\xd8")
+    with pytest.raises(VfoaError, match=rf"JPEG has lost the depth of {DEPTH}/compressed: record the raw topic"):
+        open_clip(path)
 
 
 def test_depth_of_another_camera_than_the_pairs_is_left_out_and_said(tmp_path: Path) -> None:

@@ -49,10 +49,15 @@ def raw(encoding: str, pixels: NDArray[np.generic], padding: int = 0, big: bool 
         ("bgra8", np.concatenate([COLOURS[..., ::-1], OPAQUE], axis=2), COLOURS),
         ("mono8", GRAY, REPEATED),
         ("8UC1", GRAY, REPEATED),
+        ("8UC4", np.concatenate([COLOURS[..., ::-1], OPAQUE], axis=2), COLOURS),
+        ("rgb16", COLOURS.astype("<u2") << 8 | 0xA5, COLOURS),
+        ("bgr16", COLOURS[..., ::-1].astype("<u2") << 8, COLOURS),
+        ("bgra16", np.concatenate([COLOURS[..., ::-1], OPAQUE], axis=2).astype("<u2") << 8, COLOURS),
+        ("16UC1", GRAY.astype("<u2") << 8, REPEATED),
     ],
 )
 def test_every_order_of_channels(
-    encoding: str, pixels: NDArray[np.uint8], expected: NDArray[np.uint8], padding: int
+    encoding: str, pixels: NDArray[np.unsignedinteger], expected: NDArray[np.uint8], padding: int
 ) -> None:
     assert np.array_equal(rgb(raw(encoding, pixels, padding), "x"), expected)
 
@@ -69,6 +74,8 @@ def test_any_size_will_do(encoding: str, pixels: NDArray[np.uint8], size: tuple[
 def test_of_sixteen_bits_the_upper_eight_are_kept(order: str, big: bool) -> None:
     values = (GRAY.astype(np.uint16) << 8 | GRAY[::-1]).astype(order)
     assert np.array_equal(rgb(raw("mono16", values, big=big), "x"), REPEATED)
+    colours = (COLOURS.astype(np.uint16) << 8 | COLOURS[::-1]).astype(order)
+    assert np.array_equal(rgb(raw("rgb16", colours, big=big), "x"), COLOURS)
 
 
 @pytest.mark.parametrize(("order", "big"), [("<u2", False), (">u2", True)])
@@ -129,8 +136,8 @@ def test_yuv_is_that_of_bt_601(encoding: str, order: str, y: int, u: int, v: int
 
 
 def test_an_unknown_encoding_names_its_neighbours() -> None:
-    with pytest.raises(VfoaError, match=r"x: encoding 'rgb16'; did you mean 'rgb8'"):
-        rgb(raw("rgb16", COLOURS), "x")
+    with pytest.raises(VfoaError, match=r"x: encoding 'rgb88'; did you mean 'rgb8'"):
+        rgb(raw("rgb88", COLOURS), "x")
 
 
 @pytest.mark.parametrize("encoding", ["yuv422", "yuyv"])
