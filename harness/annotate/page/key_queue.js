@@ -1,4 +1,4 @@
-// A queue of key presses: none is lost, and none overtakes one that waits for the labels before it.
+// A queue of key presses and clicks: none is lost, and none overtakes one that waits for the labels before it.
 
 export class KeyQueue {
   // moved(): the queue changed; failed(error).

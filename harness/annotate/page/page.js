@@ -21,6 +21,7 @@ export class Page {
     this.selection = null;
     this.rank = -1; // of the last frame by how unsure the run was
     this.keyQueue = new KeyQueue({ moved: () => this.settle(), failed: (error) => panel.say(error.message) });
+    const inTurn = (act) => (...what) => this.keyQueue.press(() => act(...what)); // no click overtakes a key that waits
     this.queue = new Queue({
       revisions: () => ({ revision: this.state.revision, drawn: this.drawing.state.revision }),
       answered: (answer, changes) => this.answered(answer, changes),
@@ -31,30 +32,30 @@ export class Page {
     this.lastSeen = new LastSeen((seen) => this.queue.add({ kind: "seen", ...seen }));
     this.labelActions = new LabelActions(this);
     this.names = new Names({
-      look: (name) => this.keyQueue.press(() => this.choose(name)),
+      look: inTurn((name) => this.choose(name)),
       saved: () => this.saved(),
       changed: (answer) => this.renew(answer),
       failed: (error) => panel.say(error.message),
     });
-    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (...clicked) => this.labelActions.chosen(...clicked), changed: () => this.go(this.wanted) });
+    this.stage = new Stage({ name: (each) => this.names.of(each), choose: inTurn((...clicked) => this.labelActions.chosen(...clicked)), changed: () => this.go(this.wanted) });
     this.total = about.frames.length;
-    this.drawing = new Drawing(this, first.drawn, { press: (run) => this.keyQueue.press(run), look: (name, at) => this.choose(name, null, at) });
+    this.drawing = new Drawing(this, first.drawn, { press: (run) => this.keyQueue.press(run), look: inTurn((name, at) => this.choose(name, null, at)) });
     this.player = new Player(this, about);
     this.timelines = new Timelines({
       frames: about.frames,
       times: this.player.times,
       advised: about.label_first,
       look: (name) => this.names.className(name),
-      select: (range, subject) => {
+      select: inTurn((range, subject) => {
         if (subject && subject !== this.subject) this.seek(this.wanted, subject);
         this.select(range);
-      },
-      seek: (position, subject) => this.seek(position, subject || this.subject),
-      stretch: (position, subject) => { this.seek(position, subject); this.selectStretch(position); },
-      move: (at, last, subject) => this.labelActions.change({ kind: "move", subject, at, last }),
+      }),
+      seek: inTurn((position, subject) => this.seek(position, subject || this.subject)),
+      stretch: inTurn((position, subject) => { this.seek(position, subject); this.selectStretch(position); }),
+      move: inTurn((at, last, subject) => { this.labelActions.change({ kind: "move", subject, at, last }); }),
     });
-    panel.makeSubjects(about.subjects, (name) => this.keyQueue.press(() => this.turnTo(name)));
-    panel.makeUnlabelled(() => this.keyQueue.press(() => this.toOpen("unlabelled")));
+    panel.makeSubjects(about.subjects, inTurn((name) => this.turnTo(name)));
+    panel.makeUnlabelled(inTurn(() => this.toOpen("unlabelled")));
     this.wanted = this.shown = 0;
     this.take(about);
     this.state = read(first.state);

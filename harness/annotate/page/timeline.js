@@ -157,6 +157,7 @@ export class Timeline {
     const row = event.target.closest("[data-subject]");
     const change = this.changeAt(event);
     let dragged = false;
+    let range = null;
     this.isHeld = true; // the timeline stands still while it is dragged
     const move = (moved) => {
       dragged ||= Math.abs(moved.clientX - event.clientX) >= DRAG_PX;
@@ -165,7 +166,7 @@ export class Timeline {
       else if (dragged && change) {
         this.edge.hidden = false;
         this.edge.style.left = `${100 * (this.edgeAt(moved.clientX) - this.first) / this.count}%`;
-      } else if (dragged) this.mark([Math.min(start, end), Math.max(start, end)]);
+      } else if (dragged) this.mark(range = [Math.min(start, end), Math.max(start, end)]);
     };
     const up = (released) => {
       removeEventListener("pointermove", move);
@@ -173,7 +174,7 @@ export class Timeline {
       this.edge.hidden = true;
       if (isScrub && dragged) return;
       if (dragged && change) this.move(change.at, this.edgeAt(released.clientX), change.subject);
-      else if (dragged) this.select(this.selection, row?.dataset.subject);
+      else if (dragged) this.select(range, row?.dataset.subject);
       else this.seek(start, row && row.dataset.subject);
     };
     addEventListener("pointermove", move);

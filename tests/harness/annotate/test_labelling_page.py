@@ -101,6 +101,20 @@ def test_a_click_while_it_plays_holds_from_the_frame_in_which_the_button_went_do
     assert page.targets().startswith("." * (pressed - 1) + "b")
 
 
+def test_clicks_wait_for_the_keys_before_them_on_a_slow_connection(open_page: Open, work: Path) -> None:
+    page = open_page(run=work / "run")
+    page.answer_slowly()
+    book = page.find('#overlay [data-name="book"]')
+    page.actions().send_keys("1]s").move_to_element(book).click().perform()
+    page.settle()
+    assert (page.targets("ann"), page.targets("ben")) == ("ccccc.......", "b...........")
+    row = page.find("#timelines [data-subject=ann] > div")
+    place = row.size["width"] * 5 // 24
+    page.actions().send_keys("1s").move_to_element_with_offset(row, place, 0).click().send_keys("n").perform()
+    page.settle()
+    assert page.targets("ann") == "ccccccccn..."
+
+
 @pytest.mark.parametrize("layer", ["overlay", "drawn"])
 def test_an_image_that_is_dragged_on_an_object_labels_nothing_and_the_next_click_counts(
     open_page: Open, work: Path, layer: str
