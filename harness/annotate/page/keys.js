@@ -49,6 +49,8 @@ const rows = (page) => [
   ["help", ["?"], "show or hide the keys", "?", () => help.toggle()],
 ];
 
+const FORMS = ["note", "target"]; // actions that open one
+
 // The table of keys, above everything.
 const help = {
   get root() { return document.getElementById("help"); },
@@ -75,22 +77,50 @@ export const onPress = (button, run) => button.addEventListener("click", (event)
   run();
 });
 
+// What is typed for a form that is not open yet, because its key waits: the form's text, and no key of the page.
+class Early {
+  constructor() { this.text = null; }
+
+  until(opened) {
+    this.text ??= "";
+    opened.then(() => {
+      if (typing(document.activeElement)) document.activeElement.value += this.text;
+      this.text = null;
+    });
+  }
+
+  takes(event) {
+    if (this.text === null) return false;
+    event.preventDefault();
+    if (event.key === "Backspace") this.text = this.text.slice(0, -1);
+    else if (event.key.length === 1 && !event.ctrlKey && !event.metaKey) this.text += event.key;
+    return true;
+  }
+}
+
 // The keyboard and the tool bar; returns the handler of a key press.
 export function bind(page, names) {
   const possible = { run: page.hasRun, several: page.about.subjects.length > 1 };
   const actions = rows(page).filter((row) => possible[row[5]] ?? true);
-  const byKey = new Map(actions.flatMap((row) => row[1].map((key) => [key, row[4]])));
+  const byKey = new Map(actions.flatMap((row) => row[1].map((key) => [key, row])));
+  const early = new Early();
+  const queue = (id, run) => {
+    const done = page.keyQueue.press(run);
+    if (FORMS.includes(id)) early.until(done);
+  };
   const press = (event) => {
     if (typing(document.activeElement) || pressing(event) || event.altKey) return;
     if (help.root.open && event.key !== "?") return;
+    if (early.takes(event)) return;
     const name = event.ctrlKey || event.metaKey ? undefined : names.ofKey(event);
-    const run = name ? () => page.choose(name) : byKey.get(pressed(event));
-    if (!run) return;
+    const row = byKey.get(pressed(event));
+    if (!name && !row) return;
     event.preventDefault();
-    page.keyQueue.press(run);
+    if (name) page.keyQueue.press(() => page.choose(name));
+    else queue(row[0], row[4]);
   };
   addEventListener("keydown", press);
-  const queued = ([id, keys, words, sign, run]) => tool(id, keys, words, sign, () => page.keyQueue.press(run));
+  const queued = ([id, keys, words, sign, run]) => tool(id, keys, words, sign, () => queue(id, run));
   document.getElementById("tools").replaceChildren(...actions.filter((row) => row[3]).map(queued));
   document.getElementById("keys").replaceChildren(
     line("1 2 3 …", "click on it: the subject looks at it, from here until the next change; or in the range"),

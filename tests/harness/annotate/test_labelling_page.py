@@ -250,6 +250,25 @@ def test_a_note_is_written_with_its_label(open_page: Open) -> None:
     wait_for(lambda: '1,1,ann,ignore,"eyes shut, blinks"' in page.session.path.read_text())
 
 
+def test_a_note_that_is_typed_before_its_form_opens_labels_nothing(open_page: Open) -> None:
+    page = open_page()
+    page.answer_slowly()
+    page.actions().send_keys("1m", "blinx", "\ue003", "ks", "t").perform()
+    page.settle()
+    assert page.find("#note [name=note]").get_attribute("value") == "blinkst"
+    page.find("#note [name=note]").send_keys(ENTER)
+    page.settle()
+    page.actions().send_keys("2t", "mug").perform()
+    page.settle()
+    form = page.find("#new-target")
+    assert form.find_element("name", "name").get_attribute("value") == "mug"
+    assert [stretch[2:4] for stretch in page.session.state()["tracks"]["ann"]] == [["book", ""]] * 2
+    page.actions().send_keys(ESCAPE, "1sm", "ni", RIGHT).perform()
+    page.settle()
+    assert page.text("#notice") == "There is no label here to put a note on."
+    assert page.targets("ben") == "............"
+
+
 def test_a_note_is_on_the_label_for_which_its_form_was_opened(open_page: Open) -> None:
     page = open_page()
     page.keys("1", "s", "2", "s", "m")
