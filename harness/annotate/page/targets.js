@@ -63,11 +63,14 @@ export class TargetForms {
   }
 
   async send(path, body, form) {
+    if (form.isSent) return;
+    form.isSent = true;
     try {
       await this.saved();
       this.changed(await post(path, body));
       form.close();
     } catch (error) { this.failed(error); }
+    form.isSent = false;
   }
 }
 

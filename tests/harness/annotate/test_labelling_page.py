@@ -243,6 +243,22 @@ def test_a_new_target_is_named_in_place_and_stands_in_the_manifest(open_page: Op
     assert page.targets().startswith("w")
 
 
+def test_a_target_is_added_once_however_often_enter_is_pressed(open_page: Open) -> None:
+    page = open_page()
+    page.keys("t")
+    page.answer_slowly()
+    page.actions().send_keys("mug", "\ue004", "mug", ENTER, ENTER).perform()
+    wait_for(lambda: not page.find("#new-target").is_displayed())
+    page.click("#names [title='change mug']")
+    page.actions().send_keys("s", ENTER, ENTER).perform()
+    wait_for(lambda: not page.find("#target").is_displayed())
+    page.keys("5")
+    asked = [url.rpartition("/api/")[2] for url in requested(page.browser)]
+    assert [path for path in asked if path.startswith("target")] == ["target", "target/change"]
+    assert {*load_manifest(str(page.session.manifest.path)).targets} == {"cup", "book", "mugs"}
+    assert page.targets() == "m..........."
+
+
 def test_a_note_is_written_with_its_label(open_page: Open) -> None:
     page = open_page()
     page.keys("i", "m")
