@@ -1,4 +1,5 @@
-// Changes of the labels by a key or a click.
+// Changes of the labels by a key or a click. While the clip plays, none waits until it is saved: the next key would be
+// for a later frame.
 
 import { Form } from "./form.js";
 import * as panel from "./panel.js";
@@ -46,34 +47,41 @@ export class LabelActions {
     const { page } = this;
     const { here } = page;
     const { first } = at(runs(page.track), here);
-    await this.change({ kind: "nudge", at: here, by });
-    if (by > 0 && page.wanted === first && at(runs(page.track), first).first !== first) page.step(1);
+    const made = this.change({ kind: "nudge", at: here, by });
+    if (by < 0 || page.player.playing) return;
+    await made;
+    if (page.wanted === first && at(runs(page.track), first).first !== first) page.step(1);
   }
 
   async accept() {
     const { page } = this;
     if (!page.suggestions) return;
-    await page.saved();
+    const isPlaying = page.player.playing;
+    if (!isPlaying) await page.saved();
     const { revision } = page.state;
     const attention = panel.plenty();
-    await this.change({ kind: "accept", attention });
+    const made = this.change({ kind: "accept", attention });
+    if (isPlaying) return;
+    await made;
     if (page.state.revision === revision) panel.say(`No frame was filled: frames without a label have no suggestion of ${attention} or more.`);
   }
 
   async confirm() {
     const { page } = this;
     const { here } = page;
-    await this.change({ kind: "confirm", at: here });
+    const made = this.change({ kind: "confirm", at: here });
+    if (page.player.playing) return;
+    await made;
     const next = page.track.find((each) => each.suggested && each.first > here) || page.track.find((each) => each.suggested);
     if (next) page.go(next.first, true);
   }
 
   async note() {
-    const { page } = this;
+    const { page, page: { subject, here: position } } = this;
     await page.saved();
-    const here = at(page.track, page.wanted);
+    const here = at(page.state.tracks[subject], position);
     if (here.target === null) return panel.say("There is no label here to put a note on.");
-    this.noteFor = { subject: page.subject, at: page.wanted };
+    this.noteFor = { subject, at: position };
     this.noteForm.open({ note: here.note, tags: here.tags });
   }
 

@@ -263,6 +263,7 @@ export class Page {
 
   async turnTo(subject) {
     this.seek(null, subject);
+    if (this.player.playing) return this.draw(); // it plays on
     await this.saved();
     this.go(this.start(), true);
   }

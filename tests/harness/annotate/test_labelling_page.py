@@ -115,6 +115,18 @@ def test_clicks_wait_for_the_keys_before_them_on_a_slow_connection(open_page: Op
     assert page.targets("ann") == "ccccccccn..."
 
 
+@pytest.mark.parametrize("keys", ["1s", "1,s", "1.s", f"1a{ENTER}s"])
+def test_no_key_waits_while_the_clip_plays_so_that_the_next_is_not_late(open_page: Open, work: Path, keys: str) -> None:
+    page = open_page(run=work / "run")
+    page.keys(*"---", *[RIGHT] * 7)  # 0.8 s a frame
+    page.answer_slowly(3)
+    page.actions().send_keys(" ", *keys, "2").perform()
+    wait_for(lambda: page.shown != 8)
+    page.actions().send_keys("k").perform()
+    page.settle()
+    assert page.session.state()["tracks"]["ben"][1][:3] == [7, 7, "book"]
+
+
 @pytest.mark.parametrize("layer", ["overlay", "drawn"])
 def test_an_image_that_is_dragged_on_an_object_labels_nothing_and_the_next_click_counts(
     open_page: Open, work: Path, layer: str
