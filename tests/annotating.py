@@ -185,18 +185,19 @@ class LabellingPage(BrowserPage):
     def shown(self) -> int | None:
         return shown(self.browser)
 
-    def answer_slowly(self, seconds: float = 0.4) -> None:
-        """Let changes, and their answers, take that long, as over a slow connection; until the page is loaded anew."""
+    def answer_slowly(self, seconds: float = 0.4, *, of: str = "POST") -> None:
+        """Let changes (``GET``: all else) take that long, as over a slow connection; until the page is loaded anew."""
         self.js(
-            "const [ask, [ms]] = [fetch, arguments];"
+            "const [ask, [ms, method]] = [fetch, arguments];"
             "const wait = () => new Promise((over) => setTimeout(over, ms));"
             "fetch = async (path, options) => {"
-            "  if (options?.method !== 'POST') return ask(path, options);"
+            "  if ((options?.method ?? 'GET') !== method) return ask(path, options);"
             "  await wait();"
             "  const answer = await ask(path, options);"
             "  await wait();"
             "  return answer; };",
             500 * seconds,
+            of,
         )
 
     def settle(self) -> None:

@@ -125,11 +125,19 @@ def create_app(session: Session) -> Starlette:
             try:
                 session.make_all(actions.changes, actions.revision, actions.drawn)
             except StaleRevisionError:
-                return JSONResponse({"error": "labels or drawing were changed elsewhere", **states()}, 409)
+                error = "labels or drawing were changed elsewhere"
+                return JSONResponse({"error": error, **states(), "about": session.about()}, 409)
             except (VfoaError, OSError) as error:
                 return _refused(error, **states(), about=session.about())
             renewed = {} if session.manifest is names else {"about": session.about()}
             return JSONResponse({**states(), **renewed})
+
+    def state(request: Request) -> Response:
+        with session.changing:
+            answer = states()
+            known = request.query_params.get("revision", str(answer["state"]["revision"]))
+            renewed = {} if known == str(answer["state"]["revision"]) else {"about": session.about()}
+            return JSONResponse({**answer, **renewed})
 
     def states() -> dict[str, Any]:
         return {"state": session.state(), "drawn": session.drawn()}
@@ -147,7 +155,7 @@ def create_app(session: Session) -> Starlette:
             Route("/script.js", lambda request: Response(script, media_type="text/javascript")),
             Mount("/page", StaticFiles(directory=page)),
             Route("/api/clip", about),
-            Route("/api/state", lambda request: JSONResponse(states())),
+            Route("/api/state", state),
             Route("/api/scene/{at:int}", scene),
             Route("/picture/{view}/{at:int}", picture),
             Route("/api/change", _posted(change), methods=["POST"]),

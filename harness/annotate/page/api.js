@@ -94,7 +94,7 @@ export class Queue {
   async insist(body) {
     for (;;) {
       try {
-        const answer = await (body.changes.length ? post("/api/change", body) : get("/api/state"));
+        const answer = await (body.changes.length ? post("/api/change", body) : get(`/api/state?revision=${body.revision}`));
         this.tell(null);
         return answer;
       } catch (error) {

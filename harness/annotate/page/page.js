@@ -87,7 +87,7 @@ export class Page {
     this.stage.scenes.clear();
     this.drawing.take(drawn);
     this.update(state);
-    this.go(this.shown);
+    Promise.resolve(this.showing).then(() => this.go(this.wanted)); // what is being loaded has the names of before
   }
 
   // The server made these changes; with none of them, it was asked for the present state.

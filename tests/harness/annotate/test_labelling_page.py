@@ -10,6 +10,7 @@ import pytest
 
 from harness.annotate.actions import Action
 from harness.clips.manifest import load_manifest
+from harness.clips.naming import NameRule
 from harness.sources import Truth
 from tests.annotating import STRIP, LabellingPage, write_labels
 from tests.browser import dead_buttons, requested, set_width, wait_for
@@ -182,6 +183,29 @@ def test_a_second_tab_overwrites_nothing_and_is_shown_the_newer_state(open_page:
         assert page.targets() == "bbbbbb......"
         page.keys("n")
         assert page.targets() == "bnnnnn......"
+
+
+@pytest.mark.parametrize("by_a_change", [False, True])
+def test_a_tab_that_is_behind_is_shown_the_new_targets_too(open_page: Open, by_a_change: bool) -> None:
+    page = open_page()
+    page.session.add_target("pen", NameRule(category="pen"))  # what another tab does
+    if by_a_change:
+        page.keys("1")
+    else:
+        page.js("dispatchEvent(new Event('focus'))")
+        page.settle()
+    page.keys("5")
+    assert page.targets() == "p..........."
+
+
+def test_targets_that_change_leave_the_page_at_the_frame_to_which_it_goes(open_page: Open) -> None:
+    page = open_page()
+    page.session.add_target("pen", NameRule(category="pen"))
+    page.answer_slowly(of="GET")
+    page.js("dispatchEvent(new Event('focus'))")
+    page.actions().send_keys(*[RIGHT] * 9).perform()
+    page.settle()
+    assert page.shown == 10
 
 
 def test_suggestions_are_taken_over_where_attention_is_high_and_count_when_confirmed(
