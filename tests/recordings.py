@@ -122,12 +122,21 @@ class Recorder:
     def compressed(self, topic: str, stamp_ns: int, form: str, data: bytes) -> None:
         self._write(topic, "CompressedImage", CompressedImage, stamp_ns, {"format": form, "data": data})
 
-    def camera(self, topic: str, stamp_ns: int, camera: Camera, binning: int = 0, *, log_ns: int | None = None) -> None:
+    def camera(
+        self,
+        topic: str,
+        stamp_ns: int,
+        camera: Camera,
+        binning: int = 0,
+        region: tuple[int, int, int, int] = (0, 0, 0, 0),
+        *,
+        log_ns: int | None = None,
+    ) -> None:
         self._log_ns = log_ns
         matrices = {"D": list(camera.d), "K": camera.k, "R": list(camera.r), "P": camera.p}
         fields = {"width": camera.width, "height": camera.height, "distortion_model": camera.model}
         if self._family == "ros2":
-            roi = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
+            roi = dict(zip(("x_offset", "y_offset", "width", "height"), region, strict=True)) | {"do_rectify": False}
             fields |= {name.lower(): value for name, value in matrices.items()}
             self._write(
                 topic,

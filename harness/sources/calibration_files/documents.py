@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -27,7 +28,7 @@ from harness.sources.rectification import (
     pair_of_infos,
     rectify_pose,
 )
-from vfoa.errors import VfoaError, listed
+from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz", ".mat"})
@@ -180,25 +181,39 @@ def _of_echoed_message(document: dict[str, Any], path: Path) -> dict[str, Any]:
     message = {str(name).upper() if str(name) in "kdrp" else name: value for name, value in document.items()}
     if not message.keys() >= {*_MESSAGE_NAMES, "distortion_model"}:
         return document
-    region = roi if isinstance(roi := message.get("roi"), Mapping) else {}
-
-    def whole(table: Mapping[str, Any], *names: str) -> tuple[int, ...]:
-        return tuple(int(numbers(table.get(name, 0), f"{path}: {name}", 1)[0]) for name in names)
-
-    check_whole_sensor(
-        whole(message, "binning_x", "binning_y"), whole(region, "x_offset", "y_offset"), f"{path}: camera_info"
-    )
     return message | {name: message[short] for short, name in _MESSAGE_NAMES.items()}
 
 
-def check_whole_sensor(binning: tuple[int, ...], offset_px: tuple[int, ...], where: str) -> None:
-    """Raise a :class:`VfoaError` if a CameraInfo is of a part of the sensor, or of pixels that were merged."""
-    if max(binning) > 1 or any(offset_px):
-        raise VfoaError(
-            f"{where}: found binning {listed([*map(str, binning)])} and a region of interest from "
-            f"{listed([*map(str, offset_px)])} px; "
-            "expected the whole image, or calibration = (a file) in [source]"
-        )
+def part_of_sensor(
+    camera: RawCamera, binning: tuple[int, int], corner_px: tuple[int, int], size_px: tuple[int, int], where: str
+) -> RawCamera:
+    """Return the camera of a CameraInfo's images, of the camera of its matrices, which are those of the whole sensor.
+
+    Parameters
+    ----------
+    binning
+        How many pixels are merged into one, across and down; 0 is 1.
+    corner_px, size_px
+        The region of interest before pixels are merged; a size of 0 reaches to the end of the sensor.
+
+    Raises
+    ------
+    VfoaError
+        If the region is not on the sensor.
+    """
+    if max(binning) <= 1 and not any((*corner_px, *size_px)):
+        return camera
+    to_part, part_px = np.eye(3), [0, 0]
+    for axis, (merged, corner, side, whole) in enumerate(zip(binning, corner_px, size_px, camera.size_px, strict=True)):
+        merged, side = max(merged, 1), side or whole - corner
+        if corner < 0 or side < merged or corner + side > whole:
+            raise VfoaError(
+                f"{where}: roi: found {side} pixels from {corner} on, binning {merged}; expected a part of the "
+                f"{whole} pixels of {('width', 'height')[axis]}"
+            )
+        to_part[axis, axis], to_part[axis, 2] = 1 / merged, (0.5 - corner) / merged - 0.5
+        part_px[axis] = side // merged
+    return replace(camera, size_px=(part_px[0], part_px[1]), k=to_part @ camera.k, p=to_part @ camera.p)
 
 
 def ros_camera(document: Document, where: str) -> RawCamera:
@@ -210,9 +225,17 @@ def ros_camera(document: Document, where: str) -> RawCamera:
         If a name is missing, a matrix has another number of entries, or the distortion model is unknown.
     """
     expect_names(document, _ROS_NAMES, where, "ROS's camera_info")
-    width, height = (int(numbers(document[f"image_{name}"], f"{where}: {name}", 1)[0]) for name in ("width", "height"))
+
+    def whole(table: Document, *names: str) -> tuple[int, int]:
+        first, second = (int(numbers(table.get(name, 0), f"{where}: {name}", 1)[0]) for name in names)
+        return first, second
+
     values = {role: document[name] for role, name in zip("KDRP", _ROS_NAMES[:4], strict=True)}
-    return camera_of_ros(str(document.get("distortion_model", "")), (width, height), values, where)
+    size_px = whole(document, "image_width", "image_height")
+    camera = camera_of_ros(str(document.get("distortion_model", "")), size_px, values, where)
+    region = roi if isinstance(roi := document.get("roi"), Mapping) else {}
+    corner_px, part_px = whole(region, "x_offset", "y_offset"), whole(region, "width", "height")
+    return part_of_sensor(camera, whole(document, "binning_x", "binning_y"), corner_px, part_px, where)
 
 
 def ros_pair(left: Document, right: Document, where: tuple[str, str], baseline_m: float | None) -> RawCalibration:

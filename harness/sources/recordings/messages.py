@@ -15,7 +15,7 @@ from rosbags.interfaces.typing import Typesdict
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from harness.sources.calibration_files.documents import camera_of_ros, check_whole_sensor
+from harness.sources.calibration_files.documents import camera_of_ros, part_of_sensor
 from harness.sources.recordings import orbbec, zed
 from harness.sources.recordings.image_message import ImageMessage
 from harness.sources.rectification import RawCamera, motion_of
@@ -333,12 +333,14 @@ def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
         if kind.is_orbbec:
             return orbbec.camera_of(data, where)
         field = fields_of(kind, data, where)
-        if not _is_flat(kind):
-            roi, binning = field("roi"), (int(field("binning_x")), int(field("binning_y")))
-            check_whole_sensor(binning, (int(roi.x_offset), int(roi.y_offset)), where)
         size_px = int(field("width")), int(field("height"))
         values = {name: field(name.lower()) for name in "KDRP"}
-        return camera_of_ros(str(field("distortion_model")), size_px, values, where)
+        camera = camera_of_ros(str(field("distortion_model")), size_px, values, where)
+        if _is_flat(kind):
+            return camera
+        roi, binning = field("roi"), (int(field("binning_x")), int(field("binning_y")))
+        corner_px, part_px = (int(roi.x_offset), int(roi.y_offset)), (int(roi.width), int(roi.height))
+        return part_of_sensor(camera, binning, corner_px, part_px, where)
 
 
 def _is_flat(kind: MessageType) -> bool:

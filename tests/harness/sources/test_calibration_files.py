@@ -399,16 +399,17 @@ def test_a_zed_has_as_many_coefficients_as_its_file(tmp_path: Path, coefficients
     assert _raw([path]).left.d.tolist() == expected
 
 
-@pytest.mark.parametrize(
-    ("before", "after"), [("binning_x: 0", "binning_x: 2"), ("y_offset: 0", "y_offset: 40")], ids=["merged", "cut"]
-)
-def test_a_message_of_a_part_of_the_sensor_is_refused(tmp_path: Path, before: str, after: str) -> None:
-    left, right = calibrations.write_ros_echo(tmp_path, RIG, is_ros_2=True)
-    write_text(left, left.read_text(encoding="utf-8").replace(before, after))
-    with pytest.raises(
-        VfoaError, match=rf"^[^\n]*left\.yaml: camera_info: found binning[^\n]*{after[-2:].strip()}[^\n]*$"
-    ):
-        read_cameras([left, right], _size)
+def test_a_message_of_a_part_of_the_sensor_is_of_that_part(tmp_path: Path) -> None:
+    paths = calibrations.write_ros_echo(tmp_path, RIG, is_ros_2=True)
+    whole = _raw(paths)
+    for path in paths:
+        text = path.read_text(encoding="utf-8").replace("binning_x: 0", "binning_x: 2")
+        write_text(path, text.replace("y_offset: 0", "y_offset: 40"))
+    part, (width, height) = _raw(paths), whole.left.size_px
+    assert part.left.size_px == (width // 2, height - 40)
+    to_part = np.array([[0.5, 0, -0.25], [0, 1, -40], [0, 0, 1]])
+    np.testing.assert_allclose(part.left.k, to_part @ whole.left.k)
+    np.testing.assert_allclose(part.right.p, to_part @ whole.right.p)
 
 
 @pytest.mark.parametrize(
