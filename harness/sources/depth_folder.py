@@ -15,7 +15,7 @@ from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
-from harness.sources.media.frame_files import StampUnit, rate_of
+from harness.sources.media.frame_files import StampUnit, numbers_note, rate_of
 from harness.sources.media.images import read_rgb, width_by_height
 from harness.sources.media.maps import read_depth_file
 from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
@@ -82,7 +82,12 @@ class DepthFolderClip:
         files = settings.colour, settings.depth
         self._files = find_depth_frames(folder, *files, settings.tolerance_ms, settings.stamps)
         self.frames = tuple(self._files.colours)
-        self.notes = (*self._files.notes, *(settings.camera.notes if settings.camera else ()))
+        without_times = settings.rate_hz is None and self._files.times_ns is None
+        self.notes = (
+            *self._files.notes,
+            *(settings.camera.notes if settings.camera else ()),
+            *(numbers_note(self.frames) if without_times else ()),
+        )
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:

@@ -14,6 +14,7 @@ from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration import Calibration, check_first_size
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
+from harness.sources.media.frame_files import numbers_note
 from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note, shrinking_note
 from harness.sources.stereo_pairs import PairFiles
 from vfoa.errors import VfoaError, located
@@ -87,16 +88,18 @@ class StereoFolderClip:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes: frames left out, and a calibration scaled to another resolution."""
-        camera = self._settings.camera
+        camera, notes = self._settings.camera, self._views.notes
+        if self.rate_hz is None and self._views.time_ns(self.frames[0]) is None:
+            notes += numbers_note(self.frames)
         try:
             return (
-                *self._views.notes,
+                *notes,
                 *(camera.notes if camera else ()),
                 *scaling_note(self._cameras, self._size_px()),
                 *shrinking_note(self._cameras),
             )
         except VfoaError:  # the first frame cannot be read; reading it gives the error
-            return self._views.notes
+            return notes
 
     @property
     def films(self) -> Mapping[str, float]:

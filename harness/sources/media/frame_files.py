@@ -345,6 +345,21 @@ def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
     return units.get(lengths.pop()) if len(lengths) == 1 else None
 
 
+_FEWEST_TICKS = 1000
+"""Least step of numbers that count no frames: a second in ms."""
+
+
+def numbers_note(frames: Sequence[int]) -> tuple[str, ...]:
+    """A note if the numbers of frames without times, ascending, are probably times themselves."""
+    step = float(np.median(np.diff(np.array(frames, dtype=np.float64)))) if len(frames) > 1 else 0.0
+    if step < _FEWEST_TICKS:
+        return ()
+    return (
+        f"the frames' numbers are {step:g} apart (median), and frames as many seconds: if the numbers are times, say "
+        'stamps = "ns" (or "us", "ms") in [source]',
+    )
+
+
 def join_times(left: Sequence[int], right: Sequence[int], tolerance: int) -> list[tuple[int, int]]:
     """Pair the places of two ascending sequences of times, each used once, at most ``tolerance`` apart.
 

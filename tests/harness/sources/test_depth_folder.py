@@ -26,6 +26,16 @@ CAMERA = {"fx_px": 100.0, "cx_px": 31.5, "cy_px": 23.5}
 OPTIONS = ("--fx", "100", "--cx", "31.5", "--cy", "23.5")
 
 
+def test_numbers_that_may_be_times_are_noted(tmp_path: Path) -> None:
+    for n in (0, 33_333):
+        write_image(tmp_path / "rgb" / f"{n}.png", picture(n))
+        write_counts(tmp_path / "depth" / f"{n}.png", n)
+    settings = DepthFolderSettings.model_validate({"colour": "rgb", "depth": "depth", "camera": CAMERA})
+    (note,) = DepthFolderClip(settings, tmp_path).notes
+    assert note.startswith("the frames' numbers are 33333 apart (median), and frames as many seconds: ")
+    assert DepthFolderClip(settings.model_copy(update={"stamps": "us"}), tmp_path).notes == ()
+
+
 def metres(number: int) -> np.ndarray:
     """Depth in whole millimetres, with a corner without any."""
     depth = np.random.default_rng(number).integers(500, 4000, (HEIGHT, WIDTH)) / 1000

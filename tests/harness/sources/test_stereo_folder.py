@@ -52,6 +52,15 @@ def test_images_of_a_camera_that_hung_upside_down_are_turned(tmp_path: Path) -> 
     assert len(clip.notes) == 2
 
 
+def test_numbers_that_may_be_times_are_noted(tmp_path: Path) -> None:
+    """A simulation counts from 0, so its nanoseconds do not have the digits of today's."""
+    root = stereo_pair_folder(tmp_path, (0, 33_333_333, 66_666_666))
+    (note,) = StereoFolderClip(SETTINGS, root).notes
+    assert note.startswith("the frames' numbers are 3.33333e+07 apart (median), and frames as many seconds: ")
+    for times in ({"stamps": "ns"}, {"rate_hz": 1e6}):
+        assert StereoFolderClip(SETTINGS.model_copy(update=times), root).notes == ()
+
+
 def test_the_rate_gives_the_times(tmp_path: Path) -> None:
     settings = SETTINGS.model_copy(update={"rate_hz": 25.0})
     clip = StereoFolderClip(settings, stereo_pair_folder(tmp_path))
