@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -192,7 +192,8 @@ def _is_gray(topic: Topic) -> bool:
 def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: str | None, where: str) -> Topic:
     """Return a calibration topic: the named one, or the only one in the nearest common namespace of an image topic.
 
-    ``images`` are tried in order.
+    Of several there, it is the one with a word of the image's name that the others lack: ``left_camera_info`` of
+    ``left_image``. ``images`` are tried in order.
 
     Raises
     ------
@@ -202,12 +203,11 @@ def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: s
     cameras = sorted((topic for topic in topics if topic.type.kind == "calibration"), key=lambda topic: topic.name)
     if named_topic is not None:
         return named(cameras, named_topic, "calibration", where)
-    for namespace in (image.name for image in images):
-        while "/" in namespace.strip("/"):
-            namespace = namespace.rpartition("/")[0]
+    for image in images:
+        for namespace in _namespaces(image.name):
             places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
             same_place = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
-            same_place = _with_messages(same_place) or same_place
+            same_place = _with_words_of(image, _with_messages(same_place) or same_place, namespace)
             if len(same_place) == 1:
                 return same_place[0]
     raise VfoaError(
@@ -215,6 +215,30 @@ def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: s
         "left_info, right_info or depth_info = in [source], or --calibration FILE of a pair, or --fx --cx --cy (or "
         "--fov-deg), and --baseline of a pair ([source.camera])"
     )
+
+
+def _namespaces(name: str) -> Iterator[str]:
+    """Where a topic's calibration may be: below its own name, beside it, and in the namespaces above."""
+    yield name
+    name = name.rpartition("/")[0]
+    yield name
+    while "/" in name.strip("/"):
+        name = name.rpartition("/")[0]
+        yield name
+
+
+_OF_ANY_CALIBRATION = {"camera", "info", "image", "raw", "calibration"}
+
+
+def _with_words_of(image: Topic, cameras: list[Topic], namespace: str) -> list[Topic]:
+    """Those that share the most words with an image's name below a namespace; all if none shares one."""
+
+    def words(topic: Topic) -> set[str]:
+        return {*re.split("[/_]", topic.name.removeprefix(namespace))} - _OF_ANY_CALIBRATION - {""}
+
+    shared = {camera.name: len(words(camera) & words(image)) for camera in cameras}
+    most = max(shared.values(), default=0)
+    return [camera for camera in cameras if shared[camera.name] == most]
 
 
 def named(topics: Iterable[Topic], name: str, role: str, where: str) -> Topic:

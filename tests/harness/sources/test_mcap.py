@@ -75,6 +75,25 @@ def test_images_of_another_size_than_the_first_are_refused_with_a_given_camera(t
             clip.frame(number)
 
 
+@pytest.mark.parametrize(
+    ("image", "info"),
+    [
+        ("/stereo/{}", "/stereo/{}/camera_info"),
+        ("/stereo/{}_image", "/stereo/{}_camera_info"),
+        ("/rig/image_{}/compressed", "/rig/camera_info_{}"),
+        ("/rig/{}/image_raw", "/rig/{}_info"),
+        ("/{}_image", "/{}_camera_info"),
+    ],
+)
+def test_the_calibration_of_an_image_is_found_by_its_words(tmp_path: Path, image: str, info: str) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            record.camera(info.format(side), stamp(1), camera)
+            record.picture(image.format(side), stamp(1), picture(1))
+    rig = open_clip(tmp_path / "a.mcap").frame(1).rig
+    assert (rig.cx_px, rig.cx_right_px) == (31.5, 30.0)
+
+
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
 def test_every_compression_is_read(tmp_path: Path, compression: CompressionType) -> None:
     clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs(), compression=compression))
