@@ -192,12 +192,21 @@ _rectifier = lru_cache(maxsize=2)(Rectifier)
 _optics = lru_cache(maxsize=2)(DepthOptics)
 
 
+_OF_IMAGE_NS = 20_000_000
+"""Longest time after an image in which a driver stamps the calibration that it sends with it."""
+
+
 def camera_at(topic: Topic, stamp_ns: int, recording: Recording) -> RawCamera:
-    """A camera's last calibration before a time, or its first one if all came later."""
+    """A camera's calibration at the time of an image: the last one before it, or its first one if all came later.
+
+    One that follows the image shortly, and is nearer to it than the one before, was sent with it.
+    """
     after = bisect.bisect_right(topic.places, stamp_ns, key=lambda place: place.stamp_ns)
     if not topic.places:
         raise VfoaError(f"{recording.where}: {topic.name}: none of its calibrations can be read")
-    place = topic.places[max(after - 1, 0)]
+    place, following = topic.places[max(after - 1, 0)], topic.places[min(after, len(topic.places) - 1)]
+    if 0 < following.stamp_ns - stamp_ns <= min(_OF_IMAGE_NS, stamp_ns - place.stamp_ns):
+        place = following
     return camera(topic.type, *recording.read(topic, place))
 
 

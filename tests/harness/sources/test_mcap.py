@@ -94,6 +94,23 @@ def test_the_calibration_of_an_image_is_found_by_its_words(tmp_path: Path, image
     assert (rig.cx_px, rig.cx_right_px) == (31.5, 30.0)
 
 
+@pytest.mark.parametrize(
+    ("sent_ms", "used"), [([-3, 37, 77], [1, 2, 3]), ([3, 43, 83], [1, 2, 3]), ([0, 62, 63], [1, 1, 3])]
+)
+def test_a_zooming_camera_has_the_calibration_that_is_sent_with_the_image(
+    tmp_path: Path, sent_ms: list[int], used: list[int]
+) -> None:
+    """Some drivers stamp it some ms after the image; one that is not sent with an image holds from then on."""
+    with recorder(tmp_path / "a.mcap") as record:
+        for n, at_ms in enumerate(sent_ms, start=1):
+            for side, baseline_m in (("left", 0.0), ("right", 0.12)):
+                camera = rectified_camera(WIDTH, HEIGHT, 100.0 * n, 31.5, 23.5, baseline_m)
+                record.camera(f"/{side}/camera_info", stamp(1) + at_ms * 1_000_000, camera)
+                record.picture(f"/{side}/image", stamp(n), picture(n))
+    clip = open_clip(tmp_path / "a.mcap")
+    assert [clip.frame(n).rig.fx_px for n in clip.frames] == [100.0 * n for n in used]
+
+
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
 def test_every_compression_is_read(tmp_path: Path, compression: CompressionType) -> None:
     clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs(), compression=compression))
