@@ -27,7 +27,7 @@ from harness.sources.media.frame_files import (
 )
 from harness.sources.media.images import read_rgb, turn_of, width_by_height
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
-from vfoa.errors import VfoaError, reported_as
+from vfoa.errors import VfoaError, counted, reported_as
 from vfoa.settings import Settings
 from vfoa.types import Image
 
@@ -98,7 +98,45 @@ class ShiftedVideo:
         return self._video.parts(f"{role} from {self._offset}", frames)
 
 
-Pictures = ImageFiles | Video | ShiftedVideo
+class JoinedVideo:
+    """The right video of two whose frames are joined by their times, by the numbers of the left one.
+
+    Cameras that lose frames, or film with varying steps, are out of step by their places. ``offset``: as of
+    :class:`ShiftedVideo`, the frame at which this video's times begin.
+    """
+
+    rate_hz = None  # the left one's counts
+
+    def __init__(self, video: Video, left: Video, offset: int, tolerance_ms: float) -> None:
+        self._video, self._how = video, f"from {offset} by times within {tolerance_ms:g} ms"
+        self.path = video.path
+        first, first_left = max(offset, 0), max(-offset, 0)
+        if first >= len(video.times_ns) or first_left >= len(left.times_ns):
+            counts = f"{left.path.name} has {counted(len(left.times_ns), 'frame')}, {video.path.name}"
+            raise VfoaError(f"source.right_offset: found {offset}; {counts} {len(video.times_ns)}")
+        begin_ns = video.times_ns[first] - left.times_ns[first_left]
+        own_ns = [time_ns - begin_ns for time_ns in video.times_ns]
+        self._places = dict(join_times(left.times_ns, own_ns, round(tolerance_ms * 1e6)))
+        self.frames = self._places.keys()
+        self.times_ns = {number: own_ns[place] for number, place in self._places.items()}
+        alone = len(own_ns) - len(self._places)
+        what = f"{alone} of {len(own_ns)} frames have no left one within {tolerance_ms:g} ms"
+        self.notes = (*video.notes, *([f"{video.path.name}: {what}"] if alone else []))
+
+    def file(self, number: int) -> Path:
+        """The file."""
+        return self.path
+
+    def read(self, number: int) -> Image:
+        """Read the picture that was taken with the left one of this number."""
+        return self._video.read(self._places[number])
+
+    def parts(self, role: str, frames: Iterable[int]) -> Iterator[tuple[str, Path]]:
+        """The file with its role, and how it is joined."""
+        return self._video.parts(f"{role} {self._how}", frames)
+
+
+Pictures = ImageFiles | Video | ShiftedVideo | JoinedVideo
 """Images by number, with their times and rate if they are known."""
 
 
@@ -182,7 +220,8 @@ class PairFiles(Settings):
     """``left`` and ``right`` are a folder, a glob (``left*.png``) or a pattern (``left/%06d.png``), or two videos.
 
     ``both`` is the same for files that hold both views. ``stamps``: the numbers in the images' names are times, in this
-    unit, and those of a pair may be ``tolerance_ms`` apart. ``times`` is a file with the time of each left image in a
+    unit, and those of a pair may be ``tolerance_ms`` apart; with it, the frames of two videos are paired by their times
+    since the first frames, else by their places. ``times`` is a file with the time of each left image in a
     line, as in KITTI's raw recordings. ``swap`` exchanges left and right. ``right_offset``: of cameras that were not
     started together, the frame of ``right`` that was taken with frame 0 of ``left``; -3 if that is frame 3 of ``left``
     with frame 0 of ``right``.
@@ -214,8 +253,10 @@ class PairFiles(Settings):
             raise ValueError(f"stamps: found {self.stamps!r}; expected none for the layout {self.layout!r}")
         if self.times is not None and (self.stamps is not None or self.layout != "images"):
             raise ValueError(f"times: found {self.times!r}; expected it only for the layout images, and without stamps")
-        if self.tolerance_ms is not None and (self.stamps is None or self.layout != "images"):
-            raise ValueError('tolerance_ms: expected stamps = "ns" (or us, ms, s) beside it, and the layout images')
+        if self.tolerance_ms is not None and self.layout != "videos" and (self.stamps is None or self.both is not None):
+            raise ValueError(
+                'tolerance_ms: expected stamps = "ns" (or us, ms, s) beside it, and the layout images; or two videos'
+            )
         if self.right_offset and (self.both is not None or self.stamps is not None):
             raise ValueError(f"right_offset: found {self.right_offset}; expected it only for two views by number")
         return self
@@ -229,11 +270,15 @@ class PairFiles(Settings):
             If nothing is found, it cannot be numbered, or (videos) not read.
         """
         right: Pictures | None = None
+        left: Pictures
         if "video" in self.layout:
-            left: Pictures = Video(folder / (self.left or str(self.both)))
+            left = Video(folder / (self.left or str(self.both)))
             if self.right is not None:
-                film = Video(folder / self.right)
-                right = ShiftedVideo(film, self.right_offset) if self.right_offset else film
+                film = right = Video(folder / self.right)
+                if self.tolerance_ms is not None:
+                    right = JoinedVideo(film, left, self.right_offset, self.tolerance_ms)
+                elif self.right_offset:
+                    right = ShiftedVideo(film, self.right_offset)
         elif self.both is not None:
             left = self._images(find_frames(folder, self.both, "source.both"), folder)
         else:
@@ -353,7 +398,8 @@ def _common_rate(left: Pictures, right: Pictures) -> float | None:
     rate_hz, other_hz = left.rate_hz, right.rate_hz
     if rate_hz is not None and other_hz is not None and not math.isclose(rate_hz, other_hz, rel_tol=_RATES_DIFFER):
         raise VfoaError(
-            f"{right.file(0)}: {other_hz:g} frames per second, {left.file(0)} has {rate_hz:g}; expected the same rate"
+            f"{right.file(0)}: {other_hz:g} frames per second, {left.file(0)} has {rate_hz:g}; expected the same "
+            "rate, or left, right and tolerance_ms = in [source], which pairs them by their times"
         )
     return rate_hz or other_hz
 
@@ -369,5 +415,5 @@ def _out_of_step(left: Pictures, right: Pictures, frames: Sequence[int]) -> list
     first, most_ms = int(np.argmax(apart_ns > 0)), apart_ns.max() / 1e6
     return [
         f"{right.file(first).name}: from frame {first} on not in step with {left.file(first).name}, by up to "
-        f"{most_ms:.0f} ms; frames are paired by their places"
+        f"{most_ms:.0f} ms; frames are paired by their places; tolerance_ms = in [source] pairs them by times"
     ]

@@ -206,9 +206,34 @@ def test_two_videos_of_which_one_lost_a_frame(tmp_path: Path) -> None:
     _drop_frame(tmp_path / "right.mkv", 120)
     (found,) = find_layouts(tmp_path)
     assert (
-        "right.mkv: from frame 120 on not in step with left.mkv, by up to 40 ms; frames are paired by their places"
-        in (_open(found).notes)
+        "right.mkv: from frame 120 on not in step with left.mkv, by up to 40 ms; frames are paired by their places; "
+        "tolerance_ms = in [source] pairs them by times" in _open(found).notes
     )
+
+
+@pytest.mark.parametrize("offset", [0, 2, -2])
+def test_two_videos_are_paired_by_their_times_if_a_tolerance_is_given(tmp_path: Path, offset: int) -> None:
+    """Of the right one, 4 of 20 frames are lost, which is another rate; it was started ``offset`` frames earlier."""
+    lost = {4, 5, 11, 17}
+    for side, earlier in (("left", 0), ("right", offset)):
+        images = [np.full((16, 16, 3), 60 + 8 * (number - earlier), np.uint8) for number in range(20)]
+        write_video(tmp_path / f"{side}.mkv", images, "MJPG")
+    for already, number in enumerate(sorted(lost, reverse=True)):
+        _drop_frame(tmp_path / "right.mkv", number, 20 - already)
+    with pytest.raises(VfoaError, match="expected the same rate, or left, right and tolerance_ms ="):
+        find_layouts(tmp_path)
+    settings = {"layout": "videos", "left": "left.mkv", "right": "right.mkv", "right_offset": offset, "camera": CAMERA}
+    clip = StereoFolderClip(StereoFolderSettings.model_validate({**settings, "tolerance_ms": 5}), tmp_path)
+    assert set(clip.frames) == {number - offset for number in range(20) if number not in lost} & set(range(20))
+    assert clip.rate_hz == 25.0
+    for number in reversed(clip.frames):
+        frame = clip.frame(number)
+        assert frame.time_ns == number * 40_000_000
+        assert frame.right is not None
+        assert np.abs(frame.left.astype(int) - frame.right).max() <= 2
+    assert not any("in step" in note for note in clip.notes)
+    narrower = StereoFolderClip(StereoFolderSettings.model_validate({**settings, "tolerance_ms": 4}), tmp_path)
+    assert narrower.digest() != clip.digest()
 
 
 @pytest.mark.parametrize("offset", [2, -3])
@@ -266,11 +291,11 @@ def test_an_offset_without_common_frames_is_refused(tmp_path: Path) -> None:
         StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
 
 
-def _drop_frame(video: Path, number: int) -> None:
+def _drop_frame(video: Path, number: int, of: int = 200) -> None:
     """Make a frame of a Matroska file a void element of the same length."""
     data = bytearray(video.read_bytes())
     blocks = [match.start() for match in re.finditer(rb"\xa3[\x40-\xff].{0,7}?\x81..\x80", data, re.DOTALL)]
-    assert len(blocks) == 200
+    assert len(blocks) == of
     data[blocks[number]] = 0xEC
     video.write_bytes(data)
 
