@@ -26,7 +26,7 @@ from harness.record.images import open_without_real_time
 
 Format = Literal["bag", "bag bz2", "bag lz4", "db3", "mcap", "db3 zstd file", "db3 zstd message"]
 FORMATS: tuple[Format, ...] = ("bag", "db3", "mcap")
-DepthForm = Literal["raw", "64FC1", "png", "32FC1", "32FC1 png"]
+DepthForm = Literal["raw", "64FC1", "png", "rvl", "32FC1", "32FC1 png", "32FC1 rvl"]
 
 COLOUR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
 INFO = "/camera/color/camera_info"
@@ -267,17 +267,44 @@ def write_depth(write: Messages, shot: Shot, form: DepthForm) -> None:
 
 def compressed_depth(depth_mm: NDArray[np.uint16], form: DepthForm) -> tuple[str, bytes]:
     """The message's format and data as ROS's compressed_depth_image_transport writes them."""
-    if form == "png":
-        return "16UC1; compressedDepth png", struct.pack("<iff", 0, 0, 0) + _png(depth_mm)
+    transport = form.rpartition(" ")[2]
+    coded = _rvl if transport == "rvl" else _png
+    if not form.startswith("32FC1"):
+        return f"16UC1; compressedDepth {transport}", struct.pack("<iff", 0, 0, 0) + coded(depth_mm)
     # 32FC1: inverse depth in 16 bits, as the transport quantises it up to 10 m
     a = 100.0 * (100.0 + 1)
     b = 1 - a / 10.0
     metres = depth_mm.astype(np.float64) / 1000
     with np.errstate(divide="ignore"):
         counts = np.where((metres > 0) & (metres < 10.0), np.floor(a / metres + b), 0)
-    return "32FC1; compressedDepth png", struct.pack("<iff", 0, a, b) + _png(
+    return f"32FC1; compressedDepth {transport}", struct.pack("<iff", 0, a, b) + coded(
         np.clip(counts, 0, 65535).astype(np.uint16)
     )
+
+
+def _rvl(counts: NDArray[np.uint16]) -> bytes:
+    """Wilson's CompressRVL after the size, number by number."""
+    nibbles: list[int] = []
+
+    def put(number: int) -> None:
+        while number > 7:
+            nibbles.append(number & 7 | 8)
+            number >>= 3
+        nibbles.append(number)
+
+    values, before = counts.ravel().tolist(), 0
+    while values:
+        zeros = next((n for n, value in enumerate(values) if value), len(values))
+        count = next((n for n, value in enumerate(values[zeros:]) if not value), len(values) - zeros)
+        put(zeros)
+        put(count)
+        for value in values[zeros : zeros + count]:
+            step, before = value - before, value
+            put(2 * step if step >= 0 else -2 * step - 1)
+        values = values[zeros + count :]
+    nibbles += [0] * (-len(nibbles) % 8)
+    words = [int("".join(f"{nibble:x}" for nibble in nibbles[at : at + 8]), 16) for at in range(0, len(nibbles), 8)]
+    return struct.pack(f"<II{len(words)}I", counts.shape[1], counts.shape[0], *words)
 
 
 def _png(counts: NDArray[np.uint16]) -> bytes:

@@ -342,6 +342,7 @@ PARSERS: Sequence[Parser] = (
         Parser(f"message: {name}", "message.bin", write, states.read_message(kind))
         for name, kind, write in (
             ("depth in PNG", "CompressedImage", whole.compressed("png")),
+            ("depth in RVL", "CompressedImage", whole.compressed("rvl")),
             ("inverse depth in PNG", "CompressedImage", whole.compressed("32FC1 png")),
             ("raw depth", "Image", whole.ros_message("Image", height=24, width=32, **whole.RAW_DEPTH)),
             ("camera info", "CameraInfo", whole.ros_message("CameraInfo", height=24, width=32, **whole.CAMERA_INFO)),

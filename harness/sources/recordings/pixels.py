@@ -15,6 +15,7 @@ from harness.sources.media.images import collect_greatest, decode, decode_rgb, i
 from harness.sources.media.maps import default_counts_per_m, depth_map
 from harness.sources.recordings.image_message import ImageMessage
 from harness.sources.recordings.messages import MessageType, codec_of, picture
+from harness.sources.recordings.rvl import decode_rvl
 from vfoa.errors import VfoaError, check_known
 from vfoa.types import Image, Map
 
@@ -160,10 +161,9 @@ def _compressed_depth(content: ImageMessage, where: str) -> NDArray[Any]:
     encoding, _, transport = (part.strip() for part in content.form.partition(";"))
     if len(content.data) < _HEADER.size:
         raise VfoaError(f"{where}: compressedDepth of {len(content.data)} bytes; expected a header of {_HEADER.size}")
-    if "rvl" in transport.lower():
-        raise VfoaError(f"{where}: compressedDepth in RVL; expected PNG (format: png in the driver's compressedDepth)")
     _, a, b = _HEADER.unpack_from(content.data)
-    counts = _png(content.data[_HEADER.size :], where)
+    read = decode_rvl if "rvl" in transport.lower() else _png
+    counts = read(content.data[_HEADER.size :], where)
     if encoding != "32FC1":
         return counts
     # quantised inverse depth: z = A / (v - B), 0 is unknown
