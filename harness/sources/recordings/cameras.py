@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +18,7 @@ from harness.sources.depth_optics import DepthOptics, DepthRegistration, without
 from harness.sources.media.images import width_by_height
 from harness.sources.recordings import orbbec, realsense
 from harness.sources.recordings.containers import Container
-from harness.sources.recordings.messages import camera, fields_of, motion_in, reading
+from harness.sources.recordings.messages import camera, fields_of, reading, transforms_in
 from harness.sources.recordings.topics import (
     Place,
     RecordingSettings,
@@ -223,7 +223,7 @@ def find_transform(topics: Iterable[Topic], recording: Recording, target: str, s
     for topic in topics:
         if topic.type.kind == "transforms":
             for place in topic.places[:_MOST_MESSAGES]:
-                for parent, child, motion in _transforms(topic, *recording.read(topic, place)):
+                for parent, child, motion in transforms_in(topic.type, *recording.read(topic, place)):
                     steps[child][parent], steps[parent][child] = motion, np.asarray(np.linalg.inv(motion), np.float64)
     motions, waiting = {source: np.eye(4)}, [source]
     for frame in waiting:
@@ -232,16 +232,6 @@ def find_transform(topics: Iterable[Topic], recording: Recording, target: str, s
                 motions[other] = step @ motions[frame]
                 waiting.append(other)
     return motions.get(target)
-
-
-def _transforms(topic: Topic, data: bytes, where: str) -> Iterator[tuple[str, str, Float]]:
-    """Frames (parent, child) and parent_from_child of each transform in a message."""
-    with reading(topic.type, where):
-        for stamped in fields_of(topic.type, data, where)("transforms"):
-            transform = stamped.transform
-            # tf's old names began with a slash
-            parent, child = (str(name).removeprefix("/") for name in (stamped.header.frame_id, stamped.child_frame_id))
-            yield parent, child, motion_in(transform.rotation, transform.translation)
 
 
 def find_extrinsics(topics: Iterable[Topic], recording: Recording) -> Float | None:

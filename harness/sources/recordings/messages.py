@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Literal
 
 import mcap_protobuf.decoder
@@ -34,6 +34,8 @@ _ROS: dict[str, Kind] = {
     "foxglove_msgs/msg/CompressedImage": "compressed",
     "foxglove_msgs/msg/CompressedVideo": "video",
     "foxglove_msgs/msg/CameraCalibration": "calibration",
+    "foxglove_msgs/msg/FrameTransform": "transforms",
+    "foxglove_msgs/msg/FrameTransforms": "transforms",
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "video",
     "tf2_msgs/msg/TFMessage": "transforms",
     "realsense2_camera_msgs/msg/Extrinsics": "extrinsics",
@@ -192,6 +194,32 @@ def fields_of(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any
         raise VfoaError(f"{where}: a {kind.name} without {name!r}")
 
     return field
+
+
+def transforms_in(kind: MessageType, data: bytes, where: str) -> Iterator[tuple[str, str, Float]]:
+    """Frames (parent, child) and parent_from_child (4, 4) of each transform in a message of ROS or Foxglove.
+
+    Raises
+    ------
+    VfoaError
+        If the message is not of its type.
+    """
+    with reading(kind, where):
+        field = fields_of(kind, data, where)
+        if kind.name.endswith("FrameTransform"):
+            yield str(field("parent_frame_id")), str(field("child_frame_id")), _motion(field)
+            return
+        for moved in field("transforms"):
+            if _is_flat(kind):
+                yield str(moved.parent_frame_id), str(moved.child_frame_id), _motion(partial(getattr, moved))
+            else:
+                # tf's old names began with a slash
+                parent, child = (str(n).removeprefix("/") for n in (moved.header.frame_id, moved.child_frame_id))
+                yield parent, child, _motion(partial(getattr, moved.transform))
+
+
+def _motion(field: Callable[[str], Any]) -> Float:
+    return motion_in(field("rotation"), field("translation"))
 
 
 def motion_in(rotation: Any, translation: Any) -> Float:

@@ -12,8 +12,24 @@ from contextlib import closing
 from pathlib import Path
 
 import cv2
+import foxglove
 import numpy as np
 import pytest
+from foxglove.channels import (
+    CameraCalibrationChannel,
+    FrameTransformChannel,
+    FrameTransformsChannel,
+    RawImageChannel,
+)
+from foxglove.messages import (
+    CameraCalibration,
+    FrameTransform,
+    FrameTransforms,
+    Quaternion,
+    RawImage,
+    Timestamp,
+    Vector3,
+)
 from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
 from scipy.spatial.transform import Rotation
@@ -249,7 +265,47 @@ def test_depth_of_another_camera_is_registered(tmp_path: Path, how: str) -> None
         else:
             write.extrinsics("/camera/extrinsics/depth_to_color", START_NS, TURN.as_matrix(), SHIFT)
         write_unaligned(write, millimetres)
-    clip = open_clip(path)
+    expect_plane(open_clip(path), normal, distance)
+
+
+@pytest.mark.parametrize("are_together", [False, True])
+def test_depth_is_registered_by_transforms_of_foxglove(tmp_path: Path, are_together: bool) -> None:
+    normal, distance = np.array([0.1, 0.05, 1.0]), 2.0
+    millimetres = np.rint(1000 * plane_depth(WIDE, normal, distance)).astype(np.uint16)
+    write_foxglove_unaligned(tmp_path / "take.mcap", moving_picture(1), millimetres, are_together=are_together)
+    expect_plane(open_clip(tmp_path / "take.mcap"), normal, distance)
+
+
+def write_foxglove_unaligned(path: Path, colour: np.ndarray, depth_mm: np.ndarray, *, are_together: bool) -> None:
+    """One frame by Foxglove's SDK, with the pose of the depth camera by a frame between."""
+    context, head = foxglove.Context(), {"timestamp": Timestamp(*divmod(START_NS, 10**9))}
+    quaternion = Quaternion(**dict(zip("xyzw", TURN.as_quat(), strict=True)))
+    steps = [
+        FrameTransform(
+            **head, parent_frame_id=parent, child_frame_id=child, translation=Vector3(**shift), rotation=turn
+        )
+        for parent, child, shift, turn in (
+            ("colour", "middle", dict(zip("xyz", SHIFT, strict=True)), quaternion),
+            ("middle", "depth", {"x": 0.0, "y": 0.0, "z": 0.0}, Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)),
+        )
+    ]
+    with foxglove.open_mcap(path, context=context):
+        if are_together:
+            FrameTransformsChannel("/tf", context=context).log(FrameTransforms(transforms=steps), log_time=START_NS)
+        for number, step in enumerate([] if are_together else steps):
+            FrameTransformChannel(f"/tf/{number}", context=context).log(step, log_time=START_NS)
+        for name, lens, pixels, form in (("colour", LENS, colour, "rgb8"), ("depth", WIDE, depth_mm, "16UC1")):
+            size = {"width": lens.width, "height": lens.height}
+            k = [lens.fx, 0, lens.cx, 0, lens.fx, lens.cy, 0, 0, 1]
+            info = CameraCalibration(**head, **size, frame_id=name, K=k, R=np.eye(3).ravel().tolist(), P=[0.0] * 12)
+            CameraCalibrationChannel(f"/{name}/calibration", context=context).log(info, log_time=START_NS)
+            raw = {"encoding": form, "step": pixels.nbytes // lens.height, "data": pixels.tobytes()}
+            image = RawImage(**head, **size, **raw, frame_id=name)
+            RawImageChannel(f"/{name}/image", context=context).log(image, log_time=START_NS)
+
+
+def expect_plane(clip: RecordingClip, normal: np.ndarray, distance: float) -> None:
+    """The depth of the first frame is that of a plane in the depth camera's frame."""
     assert any("not aligned" in note for note in clip.notes)
     found = clip.frame(1).depth_m
     assert found is not None
