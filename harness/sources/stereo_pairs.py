@@ -102,10 +102,8 @@ class JoinedVideo:
     """The right video of two whose frames are joined by their times, by the numbers of the left one.
 
     Cameras that lose frames, or film with varying steps, are out of step by their places. ``offset``: as of
-    :class:`ShiftedVideo`, the frame at which this video's times begin.
+    :class:`ShiftedVideo`, the frame at which this video's times begin. ``rate_hz`` is that of the joined frames.
     """
-
-    rate_hz = None  # the left one's counts
 
     def __init__(self, video: Video, left: Video, offset: int, tolerance_ms: float) -> None:
         self._video, self._how = video, f"from {offset} by times within {tolerance_ms:g} ms"
@@ -119,6 +117,7 @@ class JoinedVideo:
         self._places = dict(join_times(left.times_ns, own_ns, round(tolerance_ms * 1e6)))
         self.frames = self._places.keys()
         self.times_ns = {number: own_ns[place] for number, place in self._places.items()}
+        self.rate_hz = rate_of(left.times_ns[number] for number in self._places)
         alone = len(own_ns) - len(self._places)
         what = f"{alone} of {len(own_ns)} frames have no left one within {tolerance_ms:g} ms"
         self.notes = (*video.notes, *([f"{video.path.name}: {what}"] if alone else []))
@@ -171,7 +170,7 @@ class StereoPairs:
                 first, other = (side.file(next(iter(side.frames))) for side in (left, right))
                 raise VfoaError(f"no frame number is on both sides: left starts with {first}, right with {other}")
             self.notes += (*right.notes, *_unpaired(left, right), *_out_of_step(left, right, self.frames))
-            self.rate_hz = _common_rate(left, right)
+            self.rate_hz = right.rate_hz if isinstance(right, JoinedVideo) else _common_rate(left, right)
 
     def read(self, number: int) -> tuple[Image, Image]:
         """Read left and right (H, W, 3) uint8 RGB of the same size; raises VfoaError if that fails."""

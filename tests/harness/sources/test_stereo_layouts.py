@@ -236,6 +236,16 @@ def test_two_videos_are_paired_by_their_times_if_a_tolerance_is_given(tmp_path: 
     assert narrower.digest() != clip.digest()
 
 
+def test_two_videos_of_which_one_is_twice_as_fast(tmp_path: Path) -> None:
+    for side, step in (("left", 1), ("right", 2)):
+        images = [np.full((16, 16, 3), 60 + 8 * number, np.uint8) for number in range(0, 20, step)]
+        write_video(tmp_path / f"{side}.mkv", images, "MJPG", rate_hz=50 / step)
+    settings = {"layout": "videos", "left": "left.mkv", "right": "right.mkv", "tolerance_ms": 5, "camera": CAMERA}
+    clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+    assert clip.frames == tuple(range(0, 20, 2))
+    assert (clip.rate_hz, clip.time_ns(4)) == (25.0, 80_000_000)
+
+
 @pytest.mark.parametrize("offset", [2, -3])
 def test_two_videos_that_were_not_started_together(tmp_path: Path, offset: int) -> None:
     """A frame of the left one is read with the frame of the right one that was taken at the same time."""
