@@ -192,7 +192,7 @@ def _is_gray(topic: Topic) -> bool:
 def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: str | None, where: str) -> Topic:
     """Return a calibration topic: the named one, or the only one in the nearest common namespace of an image topic.
 
-    Of several there, it is the one with a word of the image's name that the others lack: ``left_camera_info`` of
+    Of several there, it is the one whose words are most those of the image's name: ``left_camera_info`` of
     ``left_image``. ``images`` are tried in order.
 
     Raises
@@ -231,14 +231,17 @@ _OF_ANY_CALIBRATION = {"camera", "info", "image", "raw", "calibration"}
 
 
 def _with_words_of(image: Topic, cameras: list[Topic], namespace: str) -> list[Topic]:
-    """Those that share the most words with an image's name below a namespace; all if none shares one."""
+    """Those that share the most words with an image's name below a namespace, and of these have the fewest others.
+
+    So ``left/camera_info_rect`` is that of ``left/image_rect``, and ``left/camera_info`` that of ``left/image_raw``.
+    """
 
     def words(topic: Topic) -> set[str]:
         return {*re.split("[/_]", topic.name.removeprefix(namespace))} - _OF_ANY_CALIBRATION - {""}
 
-    shared = {camera.name: len(words(camera) & words(image)) for camera in cameras}
-    most = max(shared.values(), default=0)
-    return [camera for camera in cameras if shared[camera.name] == most]
+    own = words(image)
+    ranks = [(len(words(camera) & own), -len(words(camera) - own)) for camera in cameras]
+    return [camera for camera, rank in zip(cameras, ranks, strict=True) if rank == max(ranks)]
 
 
 def named(topics: Iterable[Topic], name: str, role: str, where: str) -> Topic:

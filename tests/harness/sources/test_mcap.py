@@ -94,6 +94,19 @@ def test_the_calibration_of_an_image_is_found_by_its_words(tmp_path: Path, image
     assert (rig.cx_px, rig.cx_right_px) == (31.5, 30.0)
 
 
+@pytest.mark.parametrize(("image", "fx"), [("image_rect", 90.0), ("image_raw", 100.0)])
+def test_the_calibration_of_rectified_images_may_be_beside_that_of_raw_ones(
+    tmp_path: Path, image: str, fx: float
+) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for side, baseline_m in (("left", 0.0), ("right", 0.12)):
+            for info, fx_px in (("camera_info", 100.0), ("camera_info_rect", 90.0)):
+                camera = rectified_camera(WIDTH, HEIGHT, fx_px, 31.5, 23.5, baseline_m)
+                record.camera(f"/hawk/{side}/{info}", stamp(1), camera)
+            record.picture(f"/hawk/{side}/{image}", stamp(1), picture(1))
+    assert open_clip(tmp_path / "a.mcap").frame(1).rig.fx_px == fx
+
+
 @pytest.mark.parametrize(
     ("sent_ms", "used"), [([-3, 37, 77], [1, 2, 3]), ([3, 43, 83], [1, 2, 3]), ([0, 62, 63], [1, 1, 3])]
 )
