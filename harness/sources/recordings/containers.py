@@ -192,7 +192,7 @@ class TopicIndex:
         """
         alike = defaultdict[tuple[str, str | None], list[Topic]](list)
         for topic in self._topics.values():
-            topic.sort()
+            topic.sort(by_headers=topic.type.has_stamps and not self._by_log_time)
             alike[topic.name, "image" if topic.is_image else topic.kind].append(topic)
         for (name, role), topics in alike.items():
             if role not in ("image", "calibration"):

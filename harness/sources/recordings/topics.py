@@ -79,13 +79,13 @@ class Topic:
         """Whether its name says that its images are rectified: ``image_rect_color``, ``rect/image``, ``rectified``."""
         return bool(_RECTIFIED.search(self.name))
 
-    def sort(self) -> None:
-        """Put the places in the order of their stamps, those of images without one apart.
+    def sort(self, *, by_headers: bool) -> None:
+        """Put the places in the order of their stamps; those of images without one apart, if these are the headers'.
 
         A simulation's clock begins at 0: one image with that stamp, shortly before the next one, has it rightly.
         """
         self.places.sort()
-        if not self.is_image:
+        if not self.is_image or not by_headers:
             return
         unset = bisect.bisect_right(self.places, 0, key=lambda place: place.stamp_ns)
         if unset == 1 and len(self.places) > 1 and self.places[1].stamp_ns <= _FIRST_STEP_NS:

@@ -195,6 +195,15 @@ def test_the_first_stamp_of_a_simulation_is_0(tmp_path: Path, stamps: list[int],
     assert list(clip.notes) == (losses if lost else [])
 
 
+def test_a_recording_may_be_logged_from_0_on(tmp_path: Path) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            record.camera(f"/{side}/camera_info", 0, camera)
+            record.picture(f"/{side}/image", 0, picture(1))
+    clip = open_clip(tmp_path / "a.mcap", stamps="log")
+    assert [clip.time_ns(n) for n in clip.frames] == [0]
+
+
 def written_in_order(path: Path, written: Sequence[tuple[int, int]]) -> Path:
     """A recording of pictures with these numbers of (the stamp, the log time), in this order of writing."""
     with recorder(path) as record:
