@@ -175,7 +175,7 @@ def stage_times(directory: RunDirectory) -> StageTimes:
     keys = numbers_of(stages.indices, 0) * len(configurations) + numbers_of(names.indices, 0)
     ends = np.cumsum(np.bincount(keys, minlength=len(of_stages) * len(configurations)))
     ms_of_all = numbers_of(table.column("ms").combine_chunks(), 0)
-    groups = np.split(ms_of_all[np.argsort(keys.astype(np.int16), kind="stable")], ends[:-1])
+    groups = np.split(ms_of_all[np.argsort(keys.astype(np.min_scalar_type(len(ends))), kind="stable")], ends[:-1])
     medians = [round(float(np.median(ms)), 1) if len(ms) else None for ms in groups]
     per_stage = len(configurations)
     return StageTimes(

@@ -102,6 +102,17 @@ def test_a_stage_has_its_median_over_clips_and_frames(tmp_path: Path) -> None:
     assert table.rows == (("head pose", "2.0", "4.5"), ("gaze", "–", "7.0"))
 
 
+def test_the_stages_of_thousands_of_seeds_keep_their_times(tmp_path: Path) -> None:
+    directory, seeds = RunDirectory(tmp_path), range(4000)
+    rows = (
+        time_rows(("a", f"one.seed{seed}"), 1, {f"stage_{stage}": (seed + stage) / 1e3 for stage in range(9)})
+        for seed in seeds
+    )
+    write_text(directory.partial(("a", "one"), "csv"), b"".join(rows).decode())
+    join_timings(directory, [("a", "one")])
+    assert stage_times(directory).ms == {f"stage_{stage}": [seed + stage for seed in seeds] for stage in range(9)}
+
+
 def test_no_times_no_rows(tmp_path: Path) -> None:
     assert stage_times(RunDirectory(tmp_path)).ms == stage_times(_timed(tmp_path / "run", [])).ms == {}
 
