@@ -63,7 +63,7 @@ def frr_columns() -> Mapping[str, str]:
         "correct": "frames with the right answer",
         "wrong": "frames with a wrong answer or none",
         "predicted": "frames with an answer",
-        "no_hit": "frames in which nothing got any attention",
+        "no_hit": "frames without an answer because nothing got any attention",
         "frr": "focus recognition rate: correct / n, in [0, 1]",
         "interval_low": "95 % interval of frr, lower end; missing where it is not known",
         "interval_high": "upper end",

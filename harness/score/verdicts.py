@@ -14,7 +14,7 @@ The error type is the first of these that applies, in the order of the pipeline:
 ``false_attention``       the subject looks at nothing, and a target was predicted
 ``wrong_subject``         the record under the subject's name is somebody else's body: see below
 ``no_hit``                nothing in the frame got any attention: no ray hit anything
-``missed``                the true target got no attention at all, something else did
+``missed``                the true target got no attention, something else or nowhere did
 ``outscored``             it got some, but another target, or nowhere, won (including a lost tie)
 
 Results alone show a wrong subject in two ways: instances of the frame have the subject's name and the record's head was
@@ -52,7 +52,7 @@ ERROR_TYPES = {
     "false_attention": "a target was predicted, and there is none",
     "wrong_subject": "this is somebody else's body",
     "no_hit": "no ray hit anything",
-    "missed": "the true target got no attention at all, another did",
+    "missed": "the true target got no attention, another or nowhere did",
     "outscored": "the true target got some attention, another or nowhere more",
 }
 """Each error type, in order, with an explanation for new readers."""
