@@ -1,7 +1,8 @@
 """Who looks at what without images: eyes, directions and boxes that something else measured.
 
 A motion capture system, a headset or another program's head pose gives them; everything is in metres in one camera
-frame, x to the right, y down and z forward.
+frame, x to the right, y down and z forward. Where the origin is counts for the posterior and the logit alone: they
+expect that a gaze is drawn towards the camera there, as a model's is that sees its image.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 import vfoa
 import vfoa.scoring
@@ -21,7 +22,7 @@ from vfoa.estimator import DEFAULTS
 from vfoa.measured import Observed, box_of
 from vfoa.pipeline import Attending
 from vfoa.tracking import Tracker
-from vfoa.types import NoAttention, Person
+from vfoa.types import Float, NoAttention, Person
 
 EYES = (0.0, -0.4, 2.0)
 CUP, BOOK = (0.5, 0.0, 1.0), (-0.5, 0.0, 1.0)
@@ -88,6 +89,36 @@ def test_every_method_answers_with_its_memory(method: str) -> None:
         anna = Observed(eyes_m=EYES, gaze=_at(CUP), head=_at(CUP), gaze_error_rad=0.1, head_error_rad=0.1)
         (look,) = follower.step({"anna": anna}, {"cup": CUP, "book": BOOK}, time_ns=frame * 40_000_000)
     assert look.target == "cup"
+
+
+@pytest.mark.parametrize("method", ["bayes", "logit", "nearest", "cones"])
+@given(seed=st.integers(0, 2**32 - 1), turn_deg=st.floats(-180, 180))
+def test_a_turn_of_the_room_the_order_of_the_names_and_the_start_of_the_clock_change_nothing(
+    method: str, seed: int, turn_deg: float
+) -> None:
+    """The room and all that is in it, about the camera's vertical axis."""
+
+    def answers(turn: Float, names: list[str], start_ns: int) -> list[tuple[str | None, dict[str, float]]]:
+        rng, follower, found = np.random.default_rng(seed), vfoa.MeasuredFollower({"attention.method": method}), []
+        boxes = {name: (rng.uniform((-2, -1, 0.5), (2, 1, 4)), rng.uniform(0.05, 0.3, 3)) for name in sorted(names)}
+        for frame in range(8):
+            looked_at = boxes["book" if frame < 5 else "cup"][0] - EYES
+            gaze, head = looked_at + rng.normal(0, 0.2, 3), looked_at + rng.normal(0, 0.4, 3)
+            anna = Observed(eyes_m=turn @ EYES, gaze=turn @ gaze if frame != 2 else None, head=turn @ head)
+            seen = {name: box_of(turn @ middle_m, size_m, turn) for name, (middle_m, size_m) in boxes.items()}
+            in_order = {name: seen[name] for name in names}
+            (look,) = follower.step({"anna": anna}, in_order, time_ns=start_ns + frame * 40_000_000)
+            found.append((look.target, dict(look.values)))
+        return found
+
+    turn = Rotation.from_euler("y", turn_deg, degrees=True).as_matrix()
+    expected = answers(np.eye(3), ["cup", "book", "lamp"], 0)
+    for (target, values), (of_room, in_room) in zip(
+        answers(turn, ["lamp", "book", "cup"], 10**15), expected, strict=True
+    ):
+        assert values == pytest.approx(in_room, abs=1e-6)
+        if sorted(in_room.values())[-1] - sorted(in_room.values())[-2] > 1e-6:
+            assert target == of_room
 
 
 def test_a_time_before_that_of_the_last_frame_is_refused_and_changes_nothing() -> None:
