@@ -51,7 +51,7 @@ export class Page {
         this.select(range);
       }),
       seek: inTurn((position, subject) => this.seek(position, subject || this.subject)),
-      stretch: inTurn((position, subject) => { this.seek(position, subject); this.selectStretch(position); }),
+      stretch: inTurn((position, subject) => { this.seek(position, subject); return this.selectStretch(position); }),
       move: inTurn((at, last, subject) => { this.labelActions.change({ kind: "move", subject, at, last }); }),
     });
     panel.makeSubjects(about.subjects, inTurn((name) => this.turnTo(name)));
@@ -221,16 +221,17 @@ export class Page {
   startFinding(by) {
     const isAgain = this.finding === by;
     this.finding = by;
-    if (isAgain) return this.find(this.found ?? at(this.track, this.wanted).target);
+    if (isAgain) return this.find(this.found);
     panel.say(`Find the ${by > 0 ? "next" : "previous"} stretch of: press a target's key${this.found ? `, or again for ${this.found}` : ""}.`);
     this.draw();
   }
 
-  async find(name) {
+  async find(asked) {
     const by = this.finding;
     this.finding = 0;
     this.player.stop();
     await this.saved();
+    const name = asked ?? at(this.track, this.wanted).target;
     this.found = name ?? this.found;
     const all = runs(this.track).filter((each) => each.target === name);
     const next = by > 0 ? all.find((each) => each.first > this.wanted) ?? all[0]
@@ -241,7 +242,8 @@ export class Page {
   }
 
   // The frames around a position with the same label, as the range.
-  selectStretch(position = this.here) {
+  async selectStretch(position = this.here) {
+    if (!this.player.playing) await this.saved();
     const { first, last } = at(runs(this.track), position);
     this.select([first, last]);
   }

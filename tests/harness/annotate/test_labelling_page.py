@@ -457,6 +457,17 @@ def test_a_change_is_dragged_and_a_stretch_is_chosen_by_a_double_click(open_page
     assert page.targets() == "bbbnnnnnnnnn"
 
 
+def test_keys_that_choose_by_labels_choose_by_those_that_are_not_saved_yet(open_page: Open) -> None:
+    page = open_page()
+    page.answer_slowly()
+    page.actions().send_keys("1", *[RIGHT] * 3, "2", "cn").perform()
+    page.settle()
+    assert page.targets() == "cccnnnnnnnnn"
+    page.actions().send_keys(HOME, "2ff").perform()
+    page.settle()
+    assert page.text("#label") == "ann: book"
+
+
 def test_f_finds_the_stretches_of_a_target_and_g_what_is_open_of_every_subject(open_page: Open, work: Path) -> None:
     write_labels(work, "1,3,ann,cup,", "4,6,ann,book,", "7,8,ann,cup,", "9,12,ann,none,", "1,9,ben,cup,")
     page = open_page()
