@@ -34,7 +34,7 @@ export class Page {
     this.names = new Names({
       look: inTurn((name) => this.choose(name)),
       saved: () => this.saved(),
-      changed: (answer) => this.renew(answer),
+      changed: (answer) => { panel.say(""); this.renew(answer); },
       failed: (error) => panel.say(error.message),
     });
     this.stage = new Stage({ name: (each) => this.names.of(each), choose: inTurn((...clicked) => this.labelActions.chosen(...clicked)), changed: () => this.go(this.wanted) });

@@ -295,6 +295,16 @@ def test_a_target_is_added_once_however_often_enter_is_pressed(open_page: Open) 
     assert page.targets() == "m..........."
 
 
+def test_a_name_that_was_refused_is_not_complained_of_when_another_is_taken(open_page: Open) -> None:
+    page = open_page()
+    page.keys("t")
+    page.actions().send_keys("cup", "\ue004", "mug", ENTER).perform()
+    wait_for(lambda: "exists already" in page.text("#notice"))
+    page.find("#new-target [name=name]").send_keys("s", ENTER)
+    wait_for(lambda: not page.find("#new-target").is_displayed())
+    assert page.text("#notice") == ""
+
+
 def test_a_note_is_written_with_its_label(open_page: Open) -> None:
     page = open_page()
     page.keys("i", "m")
