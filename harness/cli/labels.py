@@ -213,9 +213,9 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
         labels = manifest.labels(timeline, name)
         if labels is not None:
             counts = [f"{counted(len(labels.of(subject)), 'range')} of {subject}" for subject in labels.subjects]
-            say(f"{manifest.annotations.place(name)}: {', '.join(counts) or 'no ranges'}")
+            say(f"{manifest.annotations.find(name)}: {', '.join(counts) or 'no ranges'}")
     if drawn is not None:
-        say(f"{manifest.annotations.place_drawn()}: {drawn.counts}")
+        say(f"{manifest.annotations.find_drawn()}: {drawn.counts}")
 
 
 @app.command(name="agreement", short_help="Compare annotators: kappa, confusion, differences.")

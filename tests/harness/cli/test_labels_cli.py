@@ -56,6 +56,15 @@ def test_a_check_counts_the_ranges_of_each_subject(
     assert said == (0, f"{path}: 1 range of anna\n", "")
 
 
+def test_a_check_names_the_files_that_it_has_read(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said, _ = vfoa(monkeypatch, capsys, "labels", "check", "demo_talk")  # came with the program
+    files = [Path(line.rpartition(": ")[0]) for line in said.splitlines()]
+    assert (code, [file.name for file in files]) == (0, ["demo_talk.csv"])
+    assert files[0].is_file()
+
+
 def test_an_existing_file_is_not_written_over(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
