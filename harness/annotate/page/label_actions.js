@@ -46,9 +46,11 @@ export class LabelActions {
   async nudge(by) {
     const { page } = this;
     const { here } = page;
+    const mayStep = by > 0 && !page.player.playing;
+    if (mayStep) await page.saved();
     const { first } = at(runs(page.track), here);
     const made = this.change({ kind: "nudge", at: here, by });
-    if (by < 0 || page.player.playing) return;
+    if (!mayStep) return;
     await made;
     if (page.wanted === first && at(runs(page.track), first).first !== first) page.step(1);
   }

@@ -467,12 +467,15 @@ def test_a_change_is_dragged_and_a_stretch_is_chosen_by_a_double_click(open_page
     assert page.targets() == "bbbnnnnnnnnn"
 
 
-def test_keys_that_choose_by_labels_choose_by_those_that_are_not_saved_yet(open_page: Open) -> None:
+def test_keys_that_depend_on_labels_depend_on_those_that_are_not_saved_yet(open_page: Open) -> None:
     page = open_page()
     page.answer_slowly()
     page.actions().send_keys("1", *[RIGHT] * 3, "2", "cn").perform()
     page.settle()
     assert page.targets() == "cccnnnnnnnnn"
+    page.actions().send_keys("z", HOME, *[RIGHT] * 5, "n", "..").perform()
+    page.settle()
+    assert (page.targets(), page.shown) == ("cccbbbbn....", 8)
     page.actions().send_keys(HOME, "2ff").perform()
     page.settle()
     assert page.text("#label") == "ann: book"
