@@ -72,6 +72,8 @@ export class Drawing {
   }
 
   choose(name, kind) {
+    this.rest();
+    this.live = null;
     this.what = { name, kind };
     this.draw();
   }
@@ -87,6 +89,7 @@ export class Drawing {
   // Actions
 
   toggle() {
+    this.rest();
     this.on = !this.on;
     this.page.player.stop();
     document.body.classList.toggle("drawing", this.on);
@@ -115,6 +118,7 @@ export class Drawing {
     const moved = place.map((at, axis) => at + (isResize && axis < 2 ? 0 : [right, down][axis % 2]));
     if (moved.length === 4 && (moved[2] - moved[0] < 2 || moved[3] - moved[1] < 2)) return;
     this.live = moved;
+    this.movedAt = shown;
     this.draw();
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.rest(), PAUSE_MS);
@@ -158,7 +162,20 @@ export class Drawing {
     event.preventDefault();
     event.stopImmediatePropagation();
     const run = step ? () => this.nudge(step, event.shiftKey) : this.all.includes(name) ? () => this.byKey(name) : row && row[4];
-    if (run) this.press(async () => { await this.page.showing; run(); });
+    if (run) this.act(run, step ? "step" : row?.[0]);
+  }
+
+  // An action is on what is shown and saved by then. The tool itself opens and closes at once: the next key is for it, or
+  // no longer.
+  act(run, id) {
+    if (id === "done") return run();
+    const { page } = this;
+    return this.press(async () => {
+      await page.showing;
+      if (id !== "step" || this.movedAt !== page.shown) this.rest();
+      if (!page.player.playing) await page.saved();
+      run();
+    });
   }
 
   // Display
@@ -177,7 +194,7 @@ export class Drawing {
     const buttons = this.actions.map(([id, keys, words, sign, run]) => {
       const button = Object.assign(document.createElement("button"), { id: `draw-${id}`, title: `${words} (${keys[0]})`, textContent: sign });
       button.setAttribute("aria-label", words);
-      onPress(button, () => this.press(run));
+      onPress(button, () => this.act(run, id));
       return button;
     });
     const help = Object.assign(document.createElement("p"), {

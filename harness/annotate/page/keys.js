@@ -105,6 +105,7 @@ export function bind(page, names) {
   const byKey = new Map(actions.flatMap((row) => row[1].map((key) => [key, row])));
   const early = new Early();
   const queue = (id, run) => {
+    if (id === "drawing") return run(); // at once: the next key is for it
     const done = page.keyQueue.press(run);
     if (FORMS.includes(id)) early.until(done);
   };

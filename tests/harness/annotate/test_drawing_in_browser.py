@@ -163,6 +163,23 @@ def test_a_point_and_a_head_are_drawn_and_moved_by_keys(page: LabellingPage) -> 
     assert _at(page, "ann", "head", 1) == pytest.approx((5, 5, 15, 17), abs=NEAR_PX)
 
 
+def test_on_a_slow_connection_no_shape_is_drawn_that_nobody_drew(page: LabellingPage) -> None:
+    page.answer_slowly()
+    page.actions().send_keys(ENTER, _key_of(page, "book")).key_down(CONTROL).send_keys(LEFT).key_up(CONTROL).perform()
+    page.settle()
+    (track,) = _drawn(page).tracks
+    assert (track.name, [key.place for key in track.keys]) == ("cup", [(25.6, 19.2, 38.4, 28.8)])
+
+
+def test_on_a_slow_connection_keys_are_for_the_tool_as_soon_as_it_is_opened(page: LabellingPage) -> None:
+    page.keys("p")
+    page.answer_slowly()
+    page.actions().send_keys("ns", "p", _key_of(page, "book"), ENTER, "p", _key_of(page, "cup")).perform()
+    page.settle()
+    assert [(track.name, len(track.keys)) for track in _drawn(page).tracks] == [("book", 1)]
+    assert (page.targets("ann"), page.targets("ben")) == ("n...........", "c...........")
+
+
 def test_what_is_drawn_can_be_clicked_when_labelling(page: LabellingPage) -> None:
     _drag(page, (10, 10), (30, 25))
     page.keys("p")
