@@ -32,8 +32,8 @@ export class LabelActions {
   // An object was clicked in the frame at a position.
   chosen(object, point, shown) {
     const { page } = this;
-    if (!page.names.names.includes(object.name)) page.names.forms.ask(object, page.stage.scene.objects);
-    else page.choose(object.name, page.about.shared.includes(object.name) ? point : null, shown);
+    if (page.names.names.includes(object.name)) return page.choose(object.name, page.about.shared.includes(object.name) ? point : null, shown);
+    page.names.forms.ask(object, page.stage.scene.objects);
   }
 
   clear() {

@@ -213,8 +213,8 @@ export class Page {
 
   // A target's key or button, or a click on it: the target to find, or what the subject looks at.
   choose(name, ...where) {
-    if (this.finding) this.find(name);
-    else this.labelActions.look(name, ...where);
+    if (this.finding) return this.find(name);
+    this.labelActions.look(name, ...where);
   }
 
   // The next target's key finds the target's next stretch (by > 0) or the one before; pressed twice, the last one again.

@@ -481,6 +481,18 @@ def test_keys_that_depend_on_labels_depend_on_those_that_are_not_saved_yet(open_
     assert page.text("#label") == "ann: book"
 
 
+def test_a_key_behind_a_search_waits_for_it(open_page: Open) -> None:
+    page = open_page()
+    page.drag(0, 3)
+    page.keys("1")
+    page.drag(6, 9)
+    page.keys("2", HOME)
+    page.answer_slowly()
+    page.actions().send_keys("n", "f2", "1").perform()
+    page.settle()
+    assert page.targets() == "nnnn--cccc.."
+
+
 def test_f_finds_the_stretches_of_a_target_and_g_what_is_open_of_every_subject(open_page: Open, work: Path) -> None:
     write_labels(work, "1,3,ann,cup,", "4,6,ann,book,", "7,8,ann,cup,", "9,12,ann,none,", "1,9,ben,cup,")
     page = open_page()
