@@ -150,10 +150,11 @@ class FinishedRun:
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
         without_labels = [manifests[name] for name in read if name not in labels]
         conditions: list[Note] = []
+        whole = labels
         if where:
             frames = {clip.name: clip.frames for clip in run.clips}
             times_ns = {clip.name: clip.times_ns or () for clip in run.clips}
-            whole, labels = labels, subset(labels, where, frames, times_ns, self.columns)
+            labels = subset(labels, where, frames, times_ns, self.columns)
             left = {name for name, of_clip in labels.items() if of_clip.are_scored}
             emptied = (name for name, of_clip in whole.items() if of_clip.are_scored and name not in left)
             conditions += [unlabelled(name, "no labelled frame meets the conditions, not scored.") for name in emptied]
@@ -170,6 +171,7 @@ class FinishedRun:
                 changed += _content_notes(clip, manifest, self.directory.noted_inputs)
         return Reference(
             labels=labels,
+            all_labels=whole if where else None,
             frames={clip.name: clip.frames for clip in run.clips},
             notes=(
                 *map(Note, _left_out(run)[2]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,15 +72,26 @@ class JudgedSubject:
 
 
 def judged_subjects(
-    judged: Mapping[Pair, PairVerdicts], reference: Reference, phase: str | None = None
+    judged: Mapping[Pair, PairVerdicts],
+    reference: Reference,
+    whole: Mapping[Pair, PairVerdicts] | None = None,
+    phase: str | None = None,
 ) -> list[JudgedSubject]:
     """The subjects of all judged records, and of every labelled frame without a record; or of one phase's records.
 
     In order of clip, configuration (both as they first appear in the records) and subject (by name). The baselines of a
-    phase are fitted to that phase of the other clips.
+    phase are fitted to that phase of the other clips. ``whole`` are the verdicts on all labelled frames if ``judged``
+    are those on some: baselines are fitted to them.
     """
     codes: dict[str, int] = {}
-    subjects = []
+    subjects = _with_longer_looks([*_subjects_of(judged, reference, phase, codes)])
+    fitted_to = [*_subjects_of(whole, reference, phase, codes)] if whole else subjects
+    return _with_limits(_with_commonest(subjects, fitted_to, judged, codes), fitted_to)
+
+
+def _subjects_of(
+    judged: Mapping[Pair, PairVerdicts], reference: Reference, phase: str | None, codes: dict[str, int]
+) -> Iterator[JudgedSubject]:
     for name in dict.fromkeys(clip for clip, _ in judged):
         parts = [part for (clip, _), part in judged.items() if clip == name]
         wanted = np.array(reference.wanted_frames(name), dtype=np.int64)
@@ -89,8 +100,7 @@ def judged_subjects(
         for part in parts:
             for of_subject in part.by_subject.values():
                 in_phase = of_subject if phase is None else of_subject.where(part.is_in(of_subject.frames, phase))
-                subjects.append(_judged_subject(in_phase, frames, rate, codes))
-    return _with_limits(_with_commonest(_with_longer_looks(subjects), judged, codes))
+                yield _judged_subject(in_phase, frames, rate, codes)
 
 
 def _rate_hz(parts: Sequence[PairVerdicts]) -> float | None:
@@ -150,11 +160,14 @@ def _judged_subject(judged: SubjectVerdicts, frames: Codes, rate: float | None, 
 
 
 def _with_commonest(
-    subjects: list[JudgedSubject], judged: Mapping[Pair, PairVerdicts], codes: Mapping[str, int]
+    subjects: list[JudgedSubject],
+    fitted_to: list[JudgedSubject],
+    judged: Mapping[Pair, PairVerdicts],
+    codes: Mapping[str, int],
 ) -> list[JudgedSubject]:
     """The subjects with the hits of the commonest label of the other clips, by configuration."""
     counts: dict[tuple[str, str], Codes] = {}
-    for of_subject in subjects:
+    for of_subject in fitted_to:
         key = of_subject.configuration, of_subject.clip
         counts[key] = counts.get(key, 0) + np.bincount(of_subject.truth, minlength=len(codes))
     totals: dict[str, Codes] = {}
@@ -172,11 +185,11 @@ def _with_commonest(
     return found
 
 
-def _with_limits(subjects: list[JudgedSubject]) -> list[JudgedSubject]:
+def _with_limits(subjects: list[JudgedSubject], fitted_to: list[JudgedSubject]) -> list[JudgedSubject]:
     """The subjects with the limit of ``nearest_in_angle`` that is best on the other clips, by configuration."""
     place = list(BASELINES).index("nearest_in_angle")
     by_configuration: dict[str, list[JudgedSubject]] = {}
-    for of_subject in subjects:
+    for of_subject in fitted_to:
         by_configuration.setdefault(of_subject.configuration, []).append(of_subject)
     limits = {name: _limits_rad(group, place) for name, group in by_configuration.items()}
     limited = []

@@ -24,10 +24,12 @@ class Reference:
     ``factors`` are the labels of each configuration's place in a grid, by dotted key; empty without a grid.
     ``settings`` are those of each configuration as JSON values, for advice; empty if not known. ``phases`` are those of
     each clip that has some, by the number of things beside people in a frame. ``is_recorded`` says whether the run has
-    recordings, for advice.
+    recordings, for advice. ``all_labels`` are those of all frames if ``labels`` are those that meet conditions:
+    baselines are fitted to them, as a rule that was fitted to frames of one target would know the answer.
     """
 
     labels: Mapping[str, Labels]
+    all_labels: Mapping[str, Labels] | None = None
     frames: Mapping[str, Iterable[int]] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     published: Published | None = None

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -194,10 +194,14 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
         The labels to score against. A clip without labels has unscored verdicts and no rows.
     """
     judged, measures = dict[Pair, PairVerdicts](), dict[Pair, MeasureColumns]()
+    whole = None if reference.all_labels is None else replace(reference, labels=reference.all_labels)
+    of_whole = dict[Pair, PairVerdicts]()
     for each in columns:
         pair = each.clip, each.configuration
         judged[pair], measures[pair] = pair_verdicts(each, reference), each.measures
-    subjects, directions = judged_subjects(judged, reference), direction_checks(judged)
+        if whole:
+            of_whole[pair] = pair_verdicts(each, whole)
+    subjects, directions = judged_subjects(judged, reference, of_whole), direction_checks(judged)
     clips = tuple(dict.fromkeys(of_subject.clip for of_subject in subjects))
     configurations = tuple(dict.fromkeys(of_subject.configuration for of_subject in subjects))
     metrics = load_metrics()
@@ -224,7 +228,7 @@ def score(columns: Iterable[PairColumns], reference: Reference) -> Scores:
         settings=reference.settings,
         is_recorded=reference.is_recorded,
         has_answers_of_file=any(traits.from_file for traits in reference.traits.values()),
-        phases={phase: _phase_scores(judged_subjects(judged, reference, phase), metrics) for phase in phases},
+        phases={phase: _phase_scores(judged_subjects(judged, reference, of_whole, phase), metrics) for phase in phases},
     )
 
 

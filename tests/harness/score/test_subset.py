@@ -14,6 +14,7 @@ from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnail, lines_path, picture_path
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, Vector
+from harness.score.baselines import SEES_LABELS
 from harness.score.finished_run import read_scores
 from harness.score.subset import Condition, measured_distances
 from tests.command import vfoa
@@ -74,6 +75,19 @@ def test_only_frames_that_meet_all_conditions_are_scored(run: Path, conditions: 
     for row in scores.overall():
         within = [SAID[row.configuration][frame - 1] == TRUTH[frame - 1] for frame in frames]
         assert (row.n, row.correct) == (2 * len(frames), 2 * sum(within))
+
+
+def test_a_condition_on_the_target_tells_no_baseline_the_answer(run: Path) -> None:
+    """A rule that is fitted to frames of one target alone would always be right: nothing could beat it."""
+
+    def right_frames(*conditions: str) -> dict[str, float]:
+        scores = read_scores(RunDirectory(run), [Condition.parse(text) for text in conditions])
+        row = scores.overall()[0]
+        return {name: rate * row.n for name, rate in row.baselines.items() if name not in SEES_LABELS}
+
+    parts = [right_frames(f"target={target}") for target in ("cup", "book", "none")]
+    assert parts[1]["commonest"] == 0
+    assert {name: sum(part[name] for part in parts) for name in parts[0]} == pytest.approx(right_frames())
 
 
 LOOKS = ("cup",) * 5 + ("book",) * 6 + ("ignore",) * 2 + ("book",) * 4 + ("none",) * 4
