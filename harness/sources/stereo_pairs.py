@@ -115,7 +115,7 @@ class JoinedVideo:
         begin_ns = video.times_ns[first] - left.times_ns[first_left]
         own_ns = [time_ns - begin_ns for time_ns in video.times_ns]
         self._places = dict(join_times(left.times_ns, own_ns, round(tolerance_ms * 1e6)))
-        self.frames = self._places.keys()
+        self.frames = tuple(self._places)  # keys cannot be pickled
         self.times_ns = {number: own_ns[place] for number, place in self._places.items()}
         self.rate_hz = rate_of(left.times_ns[number] for number in self._places)
         alone = len(own_ns) - len(self._places)

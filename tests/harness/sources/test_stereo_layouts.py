@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 from typing import Any
@@ -241,8 +242,9 @@ def test_two_videos_of_which_one_is_twice_as_fast(tmp_path: Path) -> None:
         images = [np.full((16, 16, 3), 60 + 8 * number, np.uint8) for number in range(0, 20, step)]
         write_video(tmp_path / f"{side}.mkv", images, "MJPG", rate_hz=50 / step)
     settings = {"layout": "videos", "left": "left.mkv", "right": "right.mkv", "tolerance_ms": 5, "camera": CAMERA}
-    clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+    clip = pickle.loads(pickle.dumps(StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)))
     assert clip.frames == tuple(range(0, 20, 2))
+    assert np.abs(clip.frame(4).left.astype(int) - clip.frame(4).right).max() <= 2
     assert (clip.rate_hz, clip.time_ns(4)) == (25.0, 80_000_000)
 
 
