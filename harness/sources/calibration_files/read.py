@@ -66,6 +66,10 @@ class Options(Settings):
 NO_OPTIONS = Options()
 
 
+class _NoChoiceError(VfoaError):
+    """``calibration_cameras`` is given for a file that always holds two cameras."""
+
+
 _CHOOSING = ("KITTI", "Kalibr", basalt.PROGRAM, vins.PROGRAM)
 """Programs whose files may hold more than two cameras."""
 
@@ -107,7 +111,7 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
         program, cameras = _read_text(paths[0], size, options)
     where = " and ".join(map(str, paths))
     if (chosen := options.calibration_cameras) is not None and program not in _CHOOSING:
-        raise VfoaError(f"{where}: calibration_cameras: found {chosen}; expected none for a file of {program}")
+        raise _NoChoiceError(f"{where}: calibration_cameras: found {chosen}; expected none for a file of {program}")
     if options.fisheye and program != "OpenCV":
         raise VfoaError(f"{where}: fisheye: found true for a file of {program}; expected it only for files of OpenCV")
     if isinstance(cameras, RawCalibration) and not options.rectified:
@@ -190,7 +194,7 @@ def find_calibrations(
     Paths are relative to ``root``: all files in the folder and in two levels of folders below it or, if none of them is
     a calibration, ROS's ``ost.txt`` or KITTI's for all drives of a day. If there is none, the second list has a note
     for every file that seems to be a calibration and cannot be used: it is faulty, incomplete, of other images or of a
-    kind that is not read. ``options.calibration_cameras`` applies to KITTI's files.
+    kind that is not read. ``options.calibration_cameras`` applies to files that may hold more than two cameras.
     """
     calibrations, faults = list[tuple[str, ...]](), dict[tuple[str, ...], str]()
     candidates = [*_candidates(root), _OF_THE_DAY]
@@ -198,14 +202,16 @@ def find_calibrations(
     for names in candidates:
         if calibrations and _is_repetition(names):
             break
-        # camera numbers of KITTI mean nothing for another file
-        its_options = options if names[0].endswith(".txt") else options.model_copy(update={"calibration_cameras": None})
         paths = [root / name for name in names]
         try:
             if any(map(_is_large, paths)):
                 refuse_foreign_calibration(paths[0])
                 continue
-            scaled_to(read_cameras(paths, size, its_options), size())
+            try:
+                cameras = read_cameras(paths, size, options)
+            except _NoChoiceError:  # the numbers of cameras are for other files here
+                cameras = read_cameras(paths, size, options.model_copy(update={"calibration_cameras": None}))
+            scaled_to(cameras, size())
             calibrations.append(names)
         except IncompleteCalibrationError as error:
             faults[names] = str(error)

@@ -685,6 +685,16 @@ def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
     _assert_rows_match_and_depths_come_back(found, RIG, _points(2))
 
 
+def test_a_chain_beside_the_images_may_begin_with_the_right_camera(tmp_path: Path) -> None:
+    path = FORMATS["kalibr"](tmp_path)[0]
+    chain = yaml.safe_load(path.read_text(encoding="utf-8"))
+    left_from_right = np.linalg.inv(chain["cam1"].pop("T_cn_cnm1")).tolist()
+    turned = {"cam0": chain["cam1"], "cam1": chain["cam0"] | {"T_cn_cnm1": left_from_right}}
+    write_text(path, yaml.safe_dump(turned))
+    assert find_calibrations(tmp_path, _size)[0] == []
+    assert find_calibrations(tmp_path, _size, Options(calibration_cameras=(1, 0)))[0] == [(path.name,)]
+
+
 def test_numbers_of_cameras_hold_for_kitti_s_files_alone(tmp_path: Path) -> None:
     rows = _kitti(*(_projection(50, 30, -50 * b) for b in (0, 0.1, 0, 0.3)), names=("P0", "P1", "P2", "P3"))
     write_text(tmp_path / "calib.txt", rows)
