@@ -61,11 +61,11 @@ export class Names {
     return { text: `${known ? this.key(name) : "+"} ${name}`, className: known ? this.className(name) : "unnamed" };
   }
 
-  // The target of a pressed key: digits, with shift for the second ten, n and i.
+  // The target of a pressed key: digits, with shift for the second ten, n and i, also under Caps Lock.
   ofKey(event) {
     const digit = /^(?:Digit|Numpad)(\d)$/.exec(event.code);
     if (digit && event.key.length === 1) return this.byKey.get(`${event.shiftKey ? "shift+" : ""}${digit[1]}`);
-    return this.byKey.get(event.key) ?? { n: "none", i: "ignore" }[event.key];
+    return this.byKey.get(event.key) ?? { n: "none", i: "ignore" }[event.shiftKey ? event.key : event.key.toLowerCase()];
   }
 
   draw(subject, current) {

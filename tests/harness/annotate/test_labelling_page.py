@@ -64,6 +64,14 @@ def test_a_click_on_an_object_holds_from_here_until_the_next_change(open_page: O
     assert page.targets() == "bbbccccccccn"
 
 
+def test_caps_lock_changes_no_key(open_page: Open) -> None:
+    page = open_page()
+    for key in "NSI":
+        page.js("dispatchEvent(new KeyboardEvent('keydown', {key: arguments[0], code: `Key${arguments[0]}`}))", key)
+        page.settle()
+    assert (page.targets("ann"), page.targets("ben")) == ("n...........", "-...........")
+
+
 def test_a_drag_on_the_strip_is_a_range(open_page: Open) -> None:
     page = open_page()
     page.drag(2, 5)
