@@ -35,6 +35,7 @@ EXPECTED = (
     "clip, subject, target, tag or note with = or != (several: mug|book), or time (s), from_change (s), frame, "
     "distance (m) or target_distance (m) with <, <=, > or >="
 )
+_BETWEEN = re.compile(r",(?=\s*(?:$|,|\w+\s*[!<>=]))")
 Distances = Mapping[tuple[str, int, str], tuple[float, float]]
 """Both distances by clip, frame and subject; NaN where one is not known."""
 
@@ -85,8 +86,11 @@ class Condition:
 
 
 def conditions_of(text: str) -> list[Condition]:
-    """Parse conditions that are separated by commas; none of an empty text. Raises as :meth:`Condition.parse` does."""
-    return [Condition.parse(part) for part in text.split(",") if part.strip()]
+    """Parse conditions that are separated by commas; none of an empty text. Raises as :meth:`Condition.parse` does.
+
+    A comma inside a name (``target=cup, red``) separates nothing: no condition begins after it.
+    """
+    return [Condition.parse(part) for part in _BETWEEN.split(text) if part.strip()]
 
 
 def subset(

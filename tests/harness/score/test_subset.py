@@ -16,7 +16,7 @@ from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, Vector
 from harness.score.baselines import SEES_LABELS
 from harness.score.finished_run import read_scores
-from harness.score.subset import Condition, measured_distances
+from harness.score.subset import Condition, conditions_of, measured_distances
 from tests.command import vfoa
 from tests.records import (
     answers,
@@ -88,6 +88,18 @@ def test_a_condition_on_the_target_tells_no_baseline_the_answer(run: Path) -> No
     parts = [right_frames(f"target={target}") for target in ("cup", "book", "none")]
     assert parts[1]["commonest"] == 0
     assert {name: sum(part[name] for part in parts) for name in parts[0]} == pytest.approx(right_frames())
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("", []),
+        ("target=cup, time<5,", ["target=cup", "time<5"]),
+        ("target=cup, red|mug, tag!=far,, frame >= 3", ["target=cup, red|mug", "tag!=far", "frame >= 3"]),
+    ],
+)
+def test_a_comma_in_a_name_is_part_of_its_condition(text: str, parts: list[str]) -> None:
+    assert [condition.text for condition in conditions_of(text)] == parts
 
 
 LOOKS = ("cup",) * 5 + ("book",) * 6 + ("ignore",) * 2 + ("book",) * 4 + ("none",) * 4
