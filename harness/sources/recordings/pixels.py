@@ -45,6 +45,8 @@ _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
         for sample_bytes in (1, 2)
     },
 }
+_SEMIPLANAR = {"nv12": cv2.COLOR_YUV2RGB_NV12, "nv21": cv2.COLOR_YUV2RGB_NV21}
+"""YUV 4:2:0: all of the luma, then the interleaved colours of two by two pixels, in half as many rows."""
 
 
 def read_image(kind: MessageType, data: bytes, where: str) -> Image:
@@ -85,9 +87,12 @@ def rgb(raw: ImageMessage, where: str) -> Image:
     Raises
     ------
     VfoaError
-        If the encoding is unknown, the data are too short for the size, or YUV has an odd width.
+        If the encoding is unknown, the data are too short for the size, or YUV has an odd width (or height, if two rows
+        share their colours).
     """
-    check_known(raw.form, _ENCODINGS, f"{where}: encoding")
+    check_known(raw.form, (*_ENCODINGS, *_SEMIPLANAR), f"{where}: encoding")
+    if raw.form in _SEMIPLANAR:
+        return _of_planes(raw, where)
     sample_bytes, samples, conversion = _ENCODINGS[raw.form]
     rows = _rows(raw, samples * sample_bytes, where)
     height, width = len(rows), rows.shape[1] // (samples * sample_bytes)
@@ -102,16 +107,24 @@ def rgb(raw: ImageMessage, where: str) -> Image:
     return pixels if conversion is None else np.asarray(cv2.cvtColor(pixels, conversion), dtype=np.uint8)
 
 
-def _rows(raw: ImageMessage, pixel_bytes: int, where: str) -> NDArray[np.uint8]:
-    """The bytes of the pixels (H, W pixel_bytes), without what fills the rows."""
+def _of_planes(raw: ImageMessage, where: str) -> Image:
     width, height = raw.size_px or (0, 0)
-    row_bytes = width * pixel_bytes
-    if min(width, height) <= 0 or raw.step < row_bytes or len(raw.data) < raw.step * height:
+    if width % 2 or height % 2:
+        raise VfoaError(f"{where}: {width} x {height} pixels of {raw.form}; expected an even width and height")
+    planes = np.ascontiguousarray(_rows(raw, 1, where, height * 3 // 2))
+    return np.asarray(cv2.cvtColor(planes, _SEMIPLANAR[raw.form]), dtype=np.uint8)
+
+
+def _rows(raw: ImageMessage, pixel_bytes: int, where: str, count: int | None = None) -> NDArray[np.uint8]:
+    """The bytes of the pixels (count, W pixel_bytes), without what fills the rows; ``count`` is H if not given."""
+    width, height = raw.size_px or (0, 0)
+    row_bytes, count = width * pixel_bytes, height if count is None else count
+    if min(width, height) <= 0 or raw.step < row_bytes or len(raw.data) < raw.step * count:
         raise VfoaError(
             f"{where}: {width} x {height} pixels of {raw.form} in {len(raw.data)} bytes, {raw.step} per row; expected "
-            f"at least {row_bytes} per row"
+            f"at least {row_bytes} per row, {count} rows"
         )
-    return np.frombuffer(raw.data, np.uint8, raw.step * height).reshape(height, raw.step)[:, :row_bytes]
+    return np.frombuffer(raw.data, np.uint8, raw.step * count).reshape(count, raw.step)[:, :row_bytes]
 
 
 _DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4", "64FC1": "f8"}

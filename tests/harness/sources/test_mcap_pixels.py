@@ -135,6 +135,29 @@ def test_yuv_is_that_of_bt_601(encoding: str, order: str, y: int, u: int, v: int
     assert np.abs(found - np.clip(expected, 0, 255)).max() <= 1.5
 
 
+@pytest.mark.parametrize("padding", [0, 5])
+@pytest.mark.parametrize("encoding", ["nv12", "nv21"])
+def test_colours_of_two_by_two_pixels_follow_the_luma(encoding: str, padding: int) -> None:
+    generator = np.random.default_rng(1)
+    luma = generator.integers(16, 236, (HEIGHT, WIDTH), dtype=np.uint8)
+    blue, red = generator.integers(90, 167, (2, HEIGHT // 2, WIDTH // 2), dtype=np.uint8)
+    colours = np.stack([blue, red] if encoding == "nv12" else [red, blue], axis=2).reshape(HEIGHT // 2, WIDTH)
+    message = dataclasses.replace(raw(encoding, np.concatenate([luma, colours]), padding), size_px=(WIDTH, HEIGHT))
+    y, u, v = (1.164 * (luma - 16.0), *(np.kron(each - 128.0, np.ones((2, 2))) for each in (blue, red)))
+    expected = np.stack([y + 1.596 * v, y - 0.813 * v - 0.391 * u, y + 2.018 * u], axis=2)
+    assert np.abs(rgb(message, "x") - np.clip(expected, 0, 255)).max() <= 1.5
+    cut = dataclasses.replace(message, data=message.data[:-1])
+    with pytest.raises(VfoaError, match=rf"{WIDTH} x {HEIGHT} .*{len(cut.data)} bytes"):
+        rgb(cut, "x")
+
+
+@pytest.mark.parametrize("size_px", [(3, 2), (2, 3)])
+def test_colours_of_two_by_two_pixels_need_an_even_size(size_px: tuple[int, int]) -> None:
+    message = dataclasses.replace(raw("nv12", np.zeros((6, 4), np.uint8)), size_px=size_px)
+    with pytest.raises(VfoaError, match=f"x: {size_px[0]} x {size_px[1]} pixels of nv12"):
+        rgb(message, "x")
+
+
 def test_an_unknown_encoding_names_its_neighbours() -> None:
     with pytest.raises(VfoaError, match=r"x: encoding 'rgb88'; did you mean 'rgb8'"):
         rgb(raw("rgb88", COLOURS), "x")
