@@ -29,7 +29,8 @@ STATE_COLUMN = "state"
 SUGGESTED = "suggested"
 """The state of a label that no person has confirmed; confirmed ones have an empty cell."""
 
-_CONTROL = re.compile(r"[\x00-\x1f]")
+_CONTROL = re.compile(r"[\x00-\x1f\ufffe\uffff]")
+"""Characters that would end a row, or that no XML has, so that ELAN could not read them."""
 
 
 class RowReader:
@@ -120,7 +121,7 @@ def expected_name(unknown: str, known: Iterable[str], former: Mapping[str, str])
 
 
 def check_text(cells: Iterable[str], where: str) -> None:
-    """Reject line breaks and other control characters: a row is one line of text."""
+    """Reject line breaks, control characters and noncharacters: a row is one line of text."""
     for cell in cells:
         if not cell.isprintable() and _CONTROL.search(cell):
             raise VfoaError(f"{where}: {cell!r} holds a control character; expected one line of text")

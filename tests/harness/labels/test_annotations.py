@@ -246,6 +246,7 @@ def test_rounded_times_are_those_of_the_frames(start_ns: int, rate_hz: float, wr
         ("1,5,girl,bird\n", 3, "found 4 cells; expected 5"),
         ('1,5,girl,bird,"open\n', 3, "not CSV"),
         ('1,5,girl,bird,"two\nlines"\n', 4, "control character"),
+        ("1,5,girl,bird,blinks\ufffe\n", 3, "control character"),
         ("\n1,5,girl,brid,\n", 4, "unknown target"),
     ],
 )
