@@ -219,12 +219,16 @@ def point_at(browser: Chrome, configuration: str, frame: int) -> ActionChains:
     return ActionChains(browser, duration=0).move_to_element_with_offset(canvas, round(x), round(y))
 
 
+_NO_REQUESTS = ("data:", "chrome:", "chrome-untrusted:")
+"""How addresses begin of data in a page, and of what the browser's own first page loads."""
+
+
 def requested(browser: Chrome) -> list[str]:
     """Requests of pages since the last call, except data in the page itself and the browser's own first page."""
     sent = [
         each["params"]["request"]["url"] for each in _messages(browser) if each["method"] == "Network.requestWillBeSent"
     ]
-    return [url for url in sent if not url.startswith(("data:", "chrome:"))]
+    return [url for url in sent if not url.startswith(_NO_REQUESTS)]
 
 
 def let_out(browser: Chrome) -> list[str]:
@@ -234,7 +238,7 @@ def let_out(browser: Chrome) -> list[str]:
     failed = [message["params"] for message in messages if message["method"] == "Network.loadingFailed"]
     kept = {each["requestId"] for each in failed if each.get("blockedReason") == "csp"}
     urls = [each["request"]["url"] for each in sent if each["requestId"] not in kept]
-    return [url for url in urls if not url.startswith(("data:", "chrome:"))]
+    return [url for url in urls if not url.startswith(_NO_REQUESTS)]
 
 
 def _messages(browser: Chrome) -> list[dict[str, Any]]:
