@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vfoa.errors import VfoaError
-from vfoa.types import Float, StereoRig
+from vfoa.types import Float, Image, StereoRig
+
+Item = TypeVar("Item")
 
 SIDE_PX = (4, 16_383)
 """Smallest and largest side of a clip's images: recordings and thumbnails are WebP, which has no larger ones."""
@@ -48,21 +53,32 @@ def check_skew(k: Float, where: str) -> None:
         )
 
 
-def check_size(size_px: tuple[int, int], calibrated_px: tuple[int, int], what: str) -> None:
+_CALIBRATED = "the size that the calibration is for"
+_FIRST = "as in the first frame: its calibration is for one size, so make a clip of each"
+
+
+def check_size(size_px: tuple[int, int], expected_px: tuple[int, int], what: str, why: str = _CALIBRATED) -> None:
     """Raise a :class:`VfoaError` if images (``what``) have another (width, height) than the calibration is for."""
-    if size_px != calibrated_px:
-        found, expected = (f"{width} x {height}" for width, height in (size_px, calibrated_px))
-        raise VfoaError(f"{what} of {found} pixels; expected {expected}, the size that the calibration is for")
+    if size_px != expected_px:
+        found, expected = (f"{width} x {height}" for width, height in (size_px, expected_px))
+        raise VfoaError(f"{what} of {found} pixels; expected {expected}, {why}")
 
 
 def check_first_size(size_px: tuple[int, int], first_px: tuple[int, int]) -> None:
     """Raise a :class:`VfoaError` if an image has another (width, height) than the clip's first one."""
-    if size_px != first_px:
-        found, expected = (f"{width} x {height}" for width, height in (size_px, first_px))
-        raise VfoaError(
-            f"found an image of {found} pixels; expected {expected}, as in the first frame: its calibration is for one "
-            "size, so make a clip of each"
-        )
+    check_size(size_px, first_px, "found an image", _FIRST)
+
+
+def first_size(read: Callable[[Item], Image], frames: Sequence[Item]) -> tuple[int, int]:
+    """The (width, height) of the first of a clip's frames that can be read; raises as the first one if none can."""
+    for frame in frames:
+        with suppress(VfoaError):
+            return _size_of(read(frame))
+    return _size_of(read(frames[0]))
+
+
+def _size_of(image: Image) -> tuple[int, int]:
+    return image.shape[1], image.shape[0]
 
 
 def _listed(numbers: tuple[float, ...]) -> str:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from harness.sources import Recognised, Truth, check_number, given_root
-from harness.sources.calibration import Calibration, check_first_size
+from harness.sources.calibration import Calibration, check_first_size, first_size
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
 from harness.sources.media.frame_files import numbers_note
@@ -71,7 +71,6 @@ class StereoFolderClip:
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._views = settings.views(folder)
-        self._first_px: tuple[int, int] | None = None
         self.frames = self._views.frames
         self.rate_hz = settings.rate_hz or self._views.rate_hz
         """The manifest's rate, else that of the files."""
@@ -159,14 +158,8 @@ class StereoFolderClip:
         return read_cameras(paths, self._size_px, settings)
 
     def _size_px(self) -> tuple[int, int]:
-        """Of the first frame that can be read; raises as :meth:`frame` if there is none."""
-        if self._first_px is None:
-            left = self._first_left()
-            self._first_px = left.shape[1], left.shape[0]
         return self._first_px
 
-    def _first_left(self) -> Image:
-        for number in self.frames:
-            with suppress(VfoaError):
-                return self._views.read_left(number)
-        return self._views.read_left(self.frames[0])
+    @cached_property
+    def _first_px(self) -> tuple[int, int]:
+        return first_size(self._views.read_left, self.frames)

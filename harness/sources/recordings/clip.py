@@ -16,7 +16,7 @@ import numpy as np
 from harness.files.digests import digest_files
 from harness.files.io import check_fetched
 from harness.sources import Recognised, Truth, check_number, given_root
-from harness.sources.calibration import check_first_size
+from harness.sources.calibration import check_first_size, first_size
 from harness.sources.media.frame_files import join_nearest, join_times, nearest_apart, rate_of
 from harness.sources.media.maps import MILLIMETRES
 from harness.sources.recordings import realsense, zed
@@ -242,7 +242,6 @@ class RecordingClip:
         }
         self._counts_per_m, counted = self._depth_unit(topics)
         self._frames, paired = join_streams(self._streams, settings, self._where)
-        self._first_px: tuple[int, int] | None = None
         self.frames = range(1, len(self._frames) + 1)
         """Frame numbers from 1; dropped frames have no number."""
         self._optics: PairCameras | DepthCamera
@@ -343,20 +342,14 @@ class RecordingClip:
         return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"
 
     def _size_px(self) -> tuple[int, int]:
-        """Of the first left image that can be read; raises as :meth:`frame` if there is none."""
-        if self._first_px is None:
-            left = self._first_left()
-            self._first_px = left.shape[1], left.shape[0]
         return self._first_px
 
-    def _first_left(self) -> Image:
-        for places in self._frames:
-            with suppress(VfoaError):
-                return self._left(places.left)
-        return self._left(self._frames[0].left)
+    @cached_property
+    def _first_px(self) -> tuple[int, int]:
+        return first_size(self._left, self._frames)
 
-    def _left(self, place: Place) -> Image:
-        image = self._image(self._streams.left, place)
+    def _left(self, places: FramePlaces) -> Image:
+        image = self._image(self._streams.left, places.left)
         if self._streams.is_packed:
             image, _ = split_views(image, self._settings.packing, self._streams.left.name)
         return image
