@@ -135,8 +135,8 @@ def create_app(session: Session) -> Starlette:
     def state(request: Request) -> Response:
         with session.changing:
             answer = states()
-            known = request.query_params.get("revision", str(answer["state"]["revision"]))
-            renewed = {} if known == str(answer["state"]["revision"]) else {"about": session.about()}
+            known = request.query_params.get("revision")
+            renewed = {} if known in (None, str(answer["state"]["revision"])) else {"about": session.about()}
             return JSONResponse({**answer, **renewed})
 
     def states() -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, Literal
 
 import mcap_protobuf.decoder
@@ -207,19 +207,17 @@ def transforms_in(kind: MessageType, data: bytes, where: str) -> Iterator[tuple[
     with reading(kind, where):
         field = fields_of(kind, data, where)
         if kind.name.endswith("FrameTransform"):
-            yield str(field("parent_frame_id")), str(field("child_frame_id")), _motion(field)
+            motion = motion_in(field("rotation"), field("translation"))
+            yield str(field("parent_frame_id")), str(field("child_frame_id")), motion
             return
         for moved in field("transforms"):
             if _is_flat(kind):
-                yield str(moved.parent_frame_id), str(moved.child_frame_id), _motion(partial(getattr, moved))
+                motion = motion_in(moved.rotation, moved.translation)
+                yield str(moved.parent_frame_id), str(moved.child_frame_id), motion
             else:
                 # tf's old names began with a slash
                 parent, child = (str(n).removeprefix("/") for n in (moved.header.frame_id, moved.child_frame_id))
-                yield parent, child, _motion(partial(getattr, moved.transform))
-
-
-def _motion(field: Callable[[str], Any]) -> Float:
-    return motion_in(field("rotation"), field("translation"))
+                yield parent, child, motion_in(moved.transform.rotation, moved.transform.translation)
 
 
 def motion_in(rotation: Any, translation: Any) -> Float:
