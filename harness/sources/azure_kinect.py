@@ -23,7 +23,7 @@ from harness.sources.media.frame_files import join_times, rate_of
 from harness.sources.media.images import decode_rgb
 from harness.sources.media.maps import MILLIMETRES, depth_map
 from harness.sources.media.matroska import FilmPicture, read_blocks, read_head
-from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
+from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
 from harness.sources.rectification import RawCamera, motion_of
 from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings

@@ -18,7 +18,7 @@ from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_cali
 from harness.sources.media.frame_files import StampUnit, numbers_note, rate_of
 from harness.sources.media.images import read_rgb, width_by_height
 from harness.sources.media.maps import read_depth_file
-from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
+from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
 from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings
 from vfoa.types import StereoFrame

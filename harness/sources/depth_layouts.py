@@ -30,7 +30,7 @@ from harness.sources.media.frame_files import (
 )
 from harness.sources.media.images import read_rgb
 from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
-from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
+from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
 from vfoa.errors import VfoaError
 
 

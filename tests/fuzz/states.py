@@ -40,7 +40,7 @@ from harness.sources.recordings import messages, orbbec
 from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.messages import BY_NAME, MessageType
 from harness.sources.recordings.pixels import read_depth, read_image
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from harness.studio.store import load_geometry, load_pair, save_geometry, save_pair
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.disk import labels_text, write_text

@@ -19,15 +19,9 @@ from harness.sources.media.images import width_by_height
 from harness.sources.recordings import orbbec, realsense
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import camera, fields_of, reading, transforms_in
-from harness.sources.recordings.topics import (
-    Place,
-    RecordingSettings,
-    Streams,
-    Topic,
-    find_camera,
-    has_no_frames,
-    is_aligned,
-)
+from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.streams import Streams, find_camera, has_no_frames, is_aligned
+from harness.sources.recordings.topics import Place, Topic
 from harness.sources.rectification import (
     Cameras,
     ImageSize,

@@ -26,16 +26,9 @@ from harness.sources.recordings.containers import Container, starts_with, window
 from harness.sources.recordings.mcap_files import MAGIC, McapContainer, files_in, read_summary
 from harness.sources.recordings.messages import IMAGES
 from harness.sources.recordings.pixels import read_depth, read_image
-from harness.sources.recordings.topics import (
-    Place,
-    RecordingSettings,
-    Sides,
-    Streams,
-    Topic,
-    find_streams,
-    unused_depth,
-    unused_pairs,
-)
+from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.streams import Sides, Streams, find_streams, unused_depth, unused_pairs
+from harness.sources.recordings.topics import Place, Topic
 from harness.sources.recordings.video import MOST_REORDERED, VideoDecoder
 from harness.sources.stereo_pairs import split_views
 from vfoa.errors import VfoaError, counted

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from tests.calibrations import RIG, SIZE, opencv_nodes, write_kalibr, write_opencv, write_ros, write_zed
 from tests.disk import HEIGHT, WIDTH, picture, sintel_scene, write_image, write_text
 from tests.harness.clips.adding import (

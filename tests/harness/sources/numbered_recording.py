@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from tests.disk import HEIGHT, WIDTH, picture
 from tests.recordings import Camera, rectified_camera
 

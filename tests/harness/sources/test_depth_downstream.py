@@ -14,7 +14,7 @@ from harness.record import entities
 from harness.run.directory import RunDirectory
 from harness.run.table_records import read_records
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from scripts.measure.stage_outputs import write_coco_panoptic
 from tests.command import vfoa
 from tests.depth_recordings import DEPTH, Lens, Messages, Shot, messages, write_depth, write_take

@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.sources.recordings import bags, containers
 from harness.sources.recordings.clip import BagClip, McapClip, RecordingClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from tests.adapter_contract import check_contract
 from tests.depth_recordings import (
     COLOUR,

@@ -11,7 +11,7 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from harness.sources.recordings.clip import RecordingClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from harness.sources.sintel import SintelClip, SintelSettings
 from tests.command import vfoa
 from tests.depth_recordings import (

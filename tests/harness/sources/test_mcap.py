@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from harness.labels.files import VERSION_LINE, read_annotations, write_annotations
 from harness.labels.labels import format_seconds, timeline_of
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from tests.calibrations import write_opencv
 from tests.disk import HEIGHT, WIDTH, picture, write_text
 from tests.harness.sources.numbered_recording import LEFT, RIGHT, STEP_NS, open_clip, pairs, stamp

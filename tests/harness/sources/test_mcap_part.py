@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, IndexType
 from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.containers import window_of
 from harness.sources.recordings.mcap_files import McapContainer
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from tests.depth_recordings import Lens, messages
 from tests.disk import HEIGHT, WIDTH, picture
 from tests.harness.sources.numbered_recording import LEFT, RIGHT, open_clip, pairs, stamp

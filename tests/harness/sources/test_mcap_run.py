@@ -14,7 +14,7 @@ from harness.report.frames_csv import run_frames
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from harness.sources.sintel import SintelClip, SintelSettings
 from tests.disk import labels_text, write_text
 from tests.recordings import Camera, Family, Pixels, rectified_camera, write_pairs

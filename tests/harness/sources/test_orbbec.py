@@ -14,7 +14,7 @@ import pytest
 from harness.clips.add import recognise
 from harness.sources.recordings import orbbec
 from harness.sources.recordings.clip import RecordingClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from tests.adapter_contract import check_contract
 from tests.disk import moving_picture
 from tests.orbbec import Layout, Profile, image, write_sdk_bag

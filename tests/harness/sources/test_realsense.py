@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.sources.recordings.clip import RecordingClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from tests.depth_recordings import Lens, messages
 from tests.disk import HEIGHT, WIDTH, moving_picture
 from vfoa.errors import VfoaError

@@ -11,7 +11,7 @@ import pytest
 
 from harness.sources.recordings import video
 from harness.sources.recordings.clip import RecordingClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from tests.adapter_contract import check_contract
 from tests.depth_recordings import CODERS, Encoder, Format, Lens, Shot, messages, write_video_take
 from tests.disk import moving_picture

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from harness.clips.add import recognise
 from harness.sources.foreign import refuse_foreign
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.topics import RecordingSettings
+from harness.sources.recordings.settings import RecordingSettings
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
 from tests.adapter_contract import check_contract
 from tests.calibrations import RIG, SIZE, write_zed

@@ -1,0 +1,362 @@
+"""Which topics of a recording make its frames: a pair, colour and depth, or a pair with depth."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
+from itertools import takewhile
+from typing import Generic, NamedTuple, TypeVar
+
+from harness.sources.media.frame_files import pair_names
+from harness.sources.recordings.messages import READ
+from harness.sources.recordings.pixels import INFRARED, may_be_depth
+from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.topics import Topic, listed, named
+from vfoa.errors import VfoaError
+
+Item = TypeVar("Item")
+
+
+class Sides(NamedTuple, Generic[Item]):
+    """What makes a frame: of a left image and a right image, of a left image and depth, or of all three."""
+
+    left: Item
+    right: Item | None
+    depth: Item | None
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether each image has both views."""
+        return self.right is self.left
+
+
+Streams = Sides[Topic]
+
+
+def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: str) -> Streams:
+    """Return the named topics; else the only pair, with the depth of its left camera; else colour and depth.
+
+    Colour with aligned depth is preferred to a pair in infrared, in which a depth camera's pattern may be seen.
+
+    Raises
+    ------
+    VfoaError
+        If there are none, or several candidates.
+    """
+    if settings.both is not None:
+        packed = named((topic for topic in topics if topic.is_image), settings.both, "both", where)
+        return Sides(packed, packed, None)
+    is_named = settings.left is not None or settings.right is not None or settings.depth is not None
+    of_zed = [topic for topic in topics if topic.type.is_zed and topic.is_image and not is_named]
+    if len(of_zed) == 1:
+        return Sides(of_zed[0], of_zed[0], None)
+    if of_zed:
+        raise VfoaError(f"{where}: {len(of_zed)} cameras; expected both = TOPIC in [source]: found {listed(of_zed)}")
+    if settings.depth is not None and settings.right is None:
+        left, depth = _find_colour_and_depth(topics, settings.left, settings.depth, where)
+        return Sides(left, None, depth)
+    try:
+        left, right = _find_pair(topics, settings.left, settings.right, where)
+    except VfoaError as error:
+        if settings.right is not None or not _depth_topics(topics):
+            raise VfoaError(f"{error}{_lossy_depth(topics)}") from None
+        left, depth = _find_colour_and_depth(topics, settings.left, None, where)
+        return Sides(left, None, depth)
+    if settings.left is None and settings.right is None and settings.depth is None and _is_infrared(left):
+        with suppress(VfoaError):
+            colour, depth = _find_colour_and_depth(topics, None, None, where)
+            if is_aligned(depth, colour):
+                return Sides(colour, None, depth)
+    if settings.depth is not None:
+        images = (topic for topic in topics if topic.is_image)
+        return Sides(left, right, named(images, settings.depth, "depth", where))
+    depths = (topic for topic in _depth_topics(topics) if topic not in (left, right))  # gray may be of 16 bits, too
+    own = [topic for topic in depths if is_aligned(topic, left) and topic.frame_id == left.frame_id != ""]
+    return Sides(left, right, own[0] if len(own) == 1 else None)
+
+
+def _lossy_depth(topics: Iterable[Topic]) -> str:
+    """The end of a message if there is no pair, and depth is in JPEG, which has lost it; else empty."""
+    forms = {topic.name: topic.header.form.lower() for topic in topics if topic.header is not None}
+    lossy = [name for name, form in forms.items() if "depth" in name.lower() and re.search("jpe?g", form)]
+    if not lossy:
+        return ""
+    return f"; JPEG has lost the depth of {', '.join(lossy)}: record the raw topic, or compressedDepth"
+
+
+def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
+    """A note if the rig's images were recorded in other ways, too."""
+    images = (topic for topic in _with_messages(topics) if topic.is_image)
+    pictures = (topic for topic in images if not may_be_depth(topic.name, topic.header))
+    pairs = _pairs(sorted(pictures, key=lambda topic: topic.name))
+    if streams.right is None:
+        others = [pair[0].name for pair in _best_of_each_rig(pairs)]
+        took = "left = and right = in [source] take it instead"
+        return tuple(f"a pair was recorded, too: {other}; {took}" for other in others)
+    rig = _rig_of((streams.left, streams.right))
+    lefts = [pair[0].name for pair in pairs if _rig_of(pair) == rig]
+    chosen = _TRANSPORT.sub("", streams.left.name)
+    others = [name for name in dict.fromkeys(_TRANSPORT.sub("", left) for left in lefts) if name != chosen]
+    if not others:
+        return ()
+    return (f"{chosen} is read; recorded, too: {', '.join(others)}; left = and right = in [source] take them instead",)
+
+
+def unused_depth(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
+    """A note if the recording has depth that no frame has."""
+    others = [topic for topic in _depth_topics(topics) if topic not in streams]
+    if streams.depth is not None or not others:
+        return ()
+    names = ", ".join(topic.name for topic in others)
+    return (f"depth was recorded, too, and is not of the left camera: {names}; depth = in [source] takes it instead",)
+
+
+def _find_pair(topics: Iterable[Topic], left: str | None, right: str | None, where: str) -> tuple[Topic, Topic]:
+    """Return two image topics: the named ones, or those of the only rig: their names differ in nothing but the side.
+
+    The sides are left and right, else cam0 and cam1, infra1 and infra2 ... (:mod:`harness.sources.media.frame_files`).
+    A driver publishes the images of a rig several times: of these, the best are taken (:func:`_best_of_each_rig`).
+
+    Raises
+    ------
+    VfoaError
+        If there are none, a named one is missing, or there are several rigs.
+    """
+    everything = sorted(topics, key=lambda topic: topic.name)
+    images = [topic for topic in everything if topic.is_image]
+    if not images:
+        if unread := [topic for topic in everything if topic.type.is_unread_image]:
+            encodings = ", ".join(dict.fromkeys(topic.type.encoding for topic in unread))
+            raise VfoaError(
+                f"{where}: images in {encodings}, which is not read; expected {READ}: found {listed(unread)}"
+            )
+        raise VfoaError(
+            f"{where}: no image topics; found {listed(everything)}; expected images or, of bodies without images, "
+            "PoseStamped or TransformStamped of each, or /tf (a PoseArray does not name its poses)"
+        )
+    if left is not None and right is not None:
+        return named(images, left, "left", where), named(images, right, "right", where)
+    pairs = _best_of_each_rig(_pairs(_with_messages(images), left, right) or _pairs(images, left, right))
+    if len(pairs) != 1:
+        raise VfoaError(
+            f"{where}: {len(pairs)} pairs of image topics named left and right; say left = and right = in [source] "
+            "(--set left=/TOPIC --set right=/TOPIC), or --set both=/TOPIC if one has both views: found "
+            f"{listed(images)}"
+        )
+    return pairs[0]
+
+
+def _with_messages(topics: Iterable[Topic]) -> list[Topic]:
+    """Those that were sent: a recorder lists also what was only advertised."""
+    return [topic for topic in topics if topic.places]
+
+
+def _pairs(images: Iterable[Topic], left: str | None = None, right: str | None = None) -> list[tuple[Topic, Topic]]:
+    """Every two topics whose names differ in nothing but the side, and are these where they are named."""
+    by_name = {topic.name: topic for topic in images}
+    sides = [(name, name.replace("left", "right")) for name in by_name if "left" in name]
+    for ways in (sides, pair_names(by_name, numbered=False)):
+        pairs = [
+            (by_name[left_name], by_name[right_name])
+            for left_name, right_name in ways
+            if right_name in by_name and left in (None, left_name) and right in (None, right_name)
+        ]
+        if pairs:
+            return pairs
+    return []
+
+
+def _best_of_each_rig(pairs: Iterable[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
+    """One pair of each rig, whose topics have the same name before the side: not depth, rectified, in colour, raw.
+
+    Pairs with a tenth less frames than another one of the rig count less than that.
+    """
+    rigs: dict[str, list[tuple[Topic, Topic]]] = {}
+    for pair in pairs:
+        rigs.setdefault(_rig_of(pair), []).append(pair)
+
+    return [max(of_rig, key=partial(_worth, max(map(_frames_of, of_rig)))) for of_rig in rigs.values()]
+
+
+def _worth(most: int, pair: tuple[Topic, Topic]) -> tuple[bool | int, ...]:
+    """Rank of a pair among those of its rig, of which one has ``most`` frames; a higher one is better."""
+    left, frames = pair[0], _frames_of(pair)
+    is_picture = not may_be_depth(left.name, left.header)
+    is_raw = left.type.kind == "raw"
+    return is_picture, frames >= 0.9 * most, left.is_called_rectified, not _is_gray(left), is_raw, frames
+
+
+def _frames_of(pair: tuple[Topic, Topic]) -> int:
+    return min(len(topic.places) for topic in pair)
+
+
+def _rig_of(pair: tuple[Topic, Topic]) -> str:
+    """What the names of both topics begin with."""
+    left, right = (topic.name for topic in pair)
+    return "".join(letter for letter, _ in takewhile(lambda both: both[0] == both[1], zip(left, right, strict=False)))
+
+
+def _is_infrared(topic: Topic) -> bool:
+    return bool(re.search(INFRARED, topic.name.lower()))
+
+
+def _is_gray(topic: Topic) -> bool:
+    return "gray" in topic.name or (topic.header is not None and topic.header.form in ("mono8", "8UC1"))
+
+
+_ALIGNED = ("aligned_depth_to", "depth_to_rgb", "depth_to_color", "depth_registered", "registered", "depth_aligned")
+"""Names that drivers give to depth in the colour camera's image."""
+
+_REALSENSE_SDK = "/device_"
+_COLOUR = ("color", "colour", "rgb")
+_NO_COLOUR = re.compile(f"{INFRARED}|confidence|thermal|disparity|rgb_to_depth|mask")
+_TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|video)$")
+
+
+def _depth_topics(topics: Iterable[Topic]) -> list[Topic]:
+    """Return all topics that may be depth, by name."""
+    depths = (topic for topic in topics if topic.places and topic.is_image and may_be_depth(topic.name, topic.header))
+    return sorted(depths, key=lambda topic: topic.name)
+
+
+def is_aligned(depth: Topic, colour: Topic) -> bool:
+    """Whether depth is in the colour camera's image: by its topic's name, or in the same coordinate frame.
+
+    If both images give a size and the sizes differ, it is not.
+    """
+    if has_no_frames(depth):
+        return False
+    sizes = {topic.header.size_px for topic in (depth, colour) if topic.header is not None and topic.header.size_px}
+    if len(sizes) > 1:
+        return False
+    if any(word in depth.name.lower() for word in _ALIGNED):
+        return True
+    return bool(depth.frame_id) and depth.frame_id == colour.frame_id
+
+
+def has_no_frames(topic: Topic) -> bool:
+    """Whether a topic is of RealSense's SDK, which never aligns depth, and has numbers in place of frames' names."""
+    return topic.name.startswith(_REALSENSE_SDK) and (topic.frame_id.isdecimal() or not topic.frame_id)
+
+
+def _find_colour_and_depth(
+    topics: Iterable[Topic], colour: str | None, depth: str | None, where: str
+) -> tuple[Topic, Topic]:
+    """Return the colour and the depth topic: as named, else the only aligned depth, else the only depth.
+
+    Raises
+    ------
+    VfoaError
+        If one is missing, or there are several candidates: the message lists them and says how to choose.
+    """
+    everything = list(topics)
+    images = sorted((topic for topic in everything if topic.is_image), key=lambda topic: topic.name)
+    depths = [named(images, depth, "depth", where)] if depth is not None else _of_streams(_depth_topics(everything))
+    if not depths:
+        raise VfoaError(f"{where}: no depth topic; say depth = in [source]: found {listed(images)}")
+    colours = [named(images, colour, "left", where)] if colour is not None else _colours(images, depths)
+    if not colours:
+        raise VfoaError(
+            f"{where}: no colour topic beside {listed(depths)}; say left = in [source]: found {listed(images)}"
+        )
+    pairs = [(colour_topic, depth_topic) for depth_topic in depths for colour_topic in colours]
+    best = _nearest([pair for pair in pairs if is_aligned(pair[1], pair[0])] or pairs)
+    if len(best) != 1:
+        raise VfoaError(
+            f"{where}: several colour and depth topics; say left = (colour) and depth = in [source]: "
+            f"found {listed(colours)} and {listed(depths)}"
+        )
+    return best[0]
+
+
+def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
+    """Images in colour by name; if none has such a name, images of any other name."""
+    others = [
+        topic
+        for topic in images
+        if topic.places and topic not in depths and not may_be_depth(topic.name, topic.header)
+        if not _NO_COLOUR.search(topic.name.lower())
+    ]
+    by_name = [topic for topic in others if any(word in topic.name.lower() for word in _COLOUR)]
+    return _of_streams(by_name or [topic for topic in others if "depth" not in topic.name.lower()])
+
+
+def _of_streams(topics: list[Topic]) -> list[Topic]:
+    """One topic per stream: the one with the most messages; of equal ones, the raw one."""
+    streams: dict[str, list[Topic]] = {}
+    for topic in topics:
+        streams.setdefault(_TRANSPORT.sub("", topic.name), []).append(topic)
+    return [max(copies, key=lambda topic: (len(topic.places), topic.type.kind == "raw")) for copies in streams.values()]
+
+
+def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
+    """The pairs that fit best: same frame, similar names, both rectified or not, in colour, no left or right side."""
+
+    def rank(pair: tuple[Topic, Topic]) -> tuple[bool, int, bool, bool, bool]:
+        colour, depth = pair
+        parts = zip(colour.name.split("/"), depth.name.split("/"), strict=False)
+        common = next((place for place, (part, other) in enumerate(parts) if part != other), 0)
+        is_rectified = "rect" in depth.name or depth.name.endswith("depth_registered")  # ZED's name
+        is_of_side = any(side in colour.name for side in ("left", "right"))
+        same_frame = bool(depth.frame_id) and colour.frame_id == depth.frame_id
+        return same_frame, common, ("rect" in colour.name) == is_rectified, not _is_gray(colour), not is_of_side
+
+    highest = max(map(rank, pairs), default=None)
+    return [pair for pair in pairs if rank(pair) == highest]
+
+
+def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: str | None, where: str) -> Topic:
+    """Return a calibration topic: the named one, or the only one in the nearest common namespace of an image topic.
+
+    Of several there, it is the one whose words are most those of the image's name: ``left_camera_info`` of
+    ``left_image``. ``images`` are tried in order.
+
+    Raises
+    ------
+    VfoaError
+        If there is none, or more than one.
+    """
+    cameras = sorted((topic for topic in topics if topic.type.kind == "calibration"), key=lambda topic: topic.name)
+    if named_topic is not None:
+        return named(cameras, named_topic, "calibration", where)
+    for image in images:
+        for namespace in _namespaces(image.name):
+            places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
+            same_place = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
+            same_place = _with_words_of(image, _with_messages(same_place) or same_place, namespace)
+            if len(same_place) == 1:
+                return same_place[0]
+    raise VfoaError(
+        f"{where}: no single calibration topic belongs to {images[0].name}; found {listed(cameras)}; expected "
+        "left_info, right_info or depth_info = in [source], or --calibration FILE of a pair, or --fx --cx --cy (or "
+        "--fov-deg), and --baseline of a pair ([source.camera])"
+    )
+
+
+def _namespaces(name: str) -> Iterator[str]:
+    """Where a topic's calibration may be: below its own name, beside it, and in the namespaces above."""
+    yield name
+    name = name.rpartition("/")[0]
+    yield name
+    while "/" in name.strip("/"):
+        name = name.rpartition("/")[0]
+        yield name
+
+
+_OF_ANY_CALIBRATION = {"camera", "info", "image", "raw", "calibration"}
+
+
+def _with_words_of(image: Topic, cameras: list[Topic], namespace: str) -> list[Topic]:
+    """Those that share the most words with an image's name below a namespace, and of these have the fewest others.
+
+    So ``left/camera_info_rect`` is that of ``left/image_rect``, and ``left/camera_info`` that of ``left/image_raw``.
+    """
+
+    def words(topic: Topic) -> set[str]:
+        return {*re.split("[/_]", topic.name.removeprefix(namespace))} - _OF_ANY_CALIBRATION - {""}
+
+    own = words(image)
+    ranks = [(len(words(camera) & own), -len(words(camera) - own)) for camera in cameras]
+    return [camera for camera, rank in zip(cameras, ranks, strict=True) if rank == max(ranks)]
