@@ -69,7 +69,7 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
     """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
 
     P1 and P2 without distortion, rotation or translation describe images that are rectified already. Of these four, a
-    matrix of zeros was not computed, and does not count.
+    matrix of zeros was not computed, and does not count; nor does any matrix without numbers.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
     """
     document = _numbered_from_1(dict(_one_level(document)), where)
     read = _opencv_matrices(document, where)
-    unset = [name for name in _RECTIFICATION if name in read and not read[name].any()]
+    unset = [name for name, matrix in read.items() if not matrix.any() and (name in _RECTIFICATION or not matrix.size)]
     matrices = {name: matrix for name, matrix in read.items() if name not in unset}
     size_px = image_size(document, matrices.get("K1", matrices.get("P1")), where)
     unrectified = [
@@ -119,7 +119,7 @@ def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: b
     if others := [name for name in document if _role(name) is None]:
         there += f" (and, not known, {listed(others, 8)})"
     if unset:
-        there += f", and zeros as {', '.join(unset)}"
+        there += f", and zeros or nothing as {', '.join(unset)}"
     if matrices.keys() >= {"P1", "P2"}:
         raise VfoaError(
             f"{where}: holds {' and '.join(unrectified)} of an unrectified pair but not all that rectifies it: found "

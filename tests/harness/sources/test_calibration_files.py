@@ -670,6 +670,13 @@ def test_a_camera_matrix_that_was_computed_is_read(tmp_path: Path) -> None:
     _assert_rows_match_and_depths_come_back(_raw([path]), RIG, _points(6))
 
 
+def test_a_matrix_without_numbers_is_not_set(tmp_path: Path) -> None:
+    """As cv2.FileStorage writes a Mat that nobody filled: the right lens would be one without distortion."""
+    path = write_opencv(tmp_path / "c.yml", opencv_nodes(RIG) | {"D2": np.zeros((0, 0))})
+    with pytest.raises(VfoaError, match=r"c\.yml: found D1, K1, K2, R, T, and zeros or nothing as D2; expected K1 D1"):
+        _raw([path])
+
+
 @pytest.mark.parametrize("said", [{"fisheye": True}, {"camera_model": "fisheye"}, {"distortion_model": "equidistant"}])
 def test_a_file_that_says_so_is_of_fisheye_lenses(tmp_path: Path, said: dict[str, Any]) -> None:
     values = {name: value.tolist() for name, value in opencv_nodes(FISHEYE).items()}
@@ -1033,7 +1040,7 @@ def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
         (
             "c.yaml",
             "".join(f"P{n}: [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]\n" for n in "12"),
-            ": found none of them, and zeros as P1, P2; expected K1",
+            ": found none of them, and zeros or nothing as P1, P2; expected K1",
         ),
         ("c.yaml", "camera_matrix: 1\nprojection_matrix: 2", ": one camera of ROS; expected the pair"),
     ],
