@@ -60,6 +60,8 @@ _PEOPLE_REQUIRED = ("frame", "person", *POSITION)
 _SUFFIXES = (".csv", ".tsv", ".txt")
 _WORKBOOKS = (".xlsx", ".xls", ".ods")
 _UNIT_TOLERANCE = 0.01
+_SMALL_SIGMA_DEG = math.radians(30)
+"""No model of faces claims an error this small; one of up to 30 degrees is, in radians."""
 
 
 class MeasuredTablesSettings(MeasuredSettings):
@@ -83,7 +85,8 @@ class MeasuredTables(FramesOfMeasurements):
         folder = given_root(root)
         people = folder / settings.people_file
         objects = None if settings.objects_file is None else folder / settings.objects_file
-        times, present = _times_and_people(people, settings)
+        table = read_columns(people, PEOPLE_COLUMNS, _PEOPLE_REQUIRED)
+        times, present = _times_and_people(table, settings)
         everyone = {name for of_frame in present.values() for name in of_frame}
         fixed, moving = _objects(objects, settings, times, everyone)
         super().__init__(
@@ -98,6 +101,7 @@ class MeasuredTables(FramesOfMeasurements):
             str(people),
             digest_files([("people", people), *([("objects", objects)] if objects else [])]),
         )
+        self.notes = _unit_notes(table)
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
@@ -129,10 +133,9 @@ def _table_in(folder: Path, name: str) -> Path | None:
 
 
 def _times_and_people(
-    path: Path, settings: MeasuredTablesSettings
+    table: TableColumns, settings: MeasuredTablesSettings
 ) -> tuple[dict[int, int], dict[int, dict[str, SeenPerson]]]:
     """The time of each frame, ns, and its people by name, both by frame number."""
-    table = read_columns(path, PEOPLE_COLUMNS, _PEOPLE_REQUIRED)
     rows = _PersonRows.read(table, is_gaze_truth=settings.gaze == "truth")
     times: dict[int, int] = {}
     people: dict[int, dict[str, SeenPerson]] = {}
@@ -223,16 +226,33 @@ def _directions(table: TableColumns, cue: str) -> Float:
 
 def _sigmas_rad(table: TableColumns, cue: str) -> Float:
     """The claimed error (n,) of each row, radians."""
-    degrees, radians = table.numbers(f"{cue}_sigma_deg"), table.numbers(f"{cue}_sigma_rad")
+    degrees, radians = _angles(table, f"{cue}_sigma_deg", 180), _angles(table, f"{cue}_sigma_rad", math.pi)
     table.refuse_first(
         ~np.isnan(degrees) & ~np.isnan(radians),
         lambda row: f"{cue}_sigma: found degrees and radians; expected one of them",
     )
-    sigmas = np.where(np.isnan(radians), degrees * (math.pi / 180), radians)
+    return np.where(np.isnan(radians), degrees * (math.pi / 180), radians)
+
+
+def _angles(table: TableColumns, column: str, most: float) -> Float:
+    """The angle (n,) of each row, in the unit of ``most``, which is half a turn; NaN where there is none."""
+    angles = table.numbers(column)
     table.refuse_first(
-        sigmas < 0, lambda row: f"{cue}_sigma: expected an angle of at least 0, found {sigmas[row]:g} rad"
+        (angles < 0) | (angles > most),
+        lambda row: f"{column}: expected an angle of 0 to {most:.4g}, found {angles[row]:g}",
     )
-    return sigmas
+    return angles
+
+
+def _unit_notes(table: TableColumns) -> tuple[str, ...]:
+    """A note for each cue whose claimed errors are so small that they are probably not in degrees."""
+    columns = [f"{cue}_sigma_deg" for cue in CUES]
+    most = {column: np.nanmax(table.numbers(column), initial=0) for column in columns}
+    return tuple(
+        f"{table.path.name}: {column}: found at most {degrees:.3g}; expected degrees (radians?)"
+        for column, degrees in most.items()
+        if 0 < degrees < _SMALL_SIGMA_DEG
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

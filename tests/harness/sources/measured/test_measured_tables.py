@@ -95,7 +95,8 @@ def test_a_quaternion_turns_the_box_s_axes_into_the_camera_s(tmp_path: Path, tur
     ("people", "objects", "place"),
     [
         ("1,0,anna,0,0,1,0,0,2,,,,,", "", r"people\.csv:2: head_x, .* length 2"),
-        ("1,0,anna,0,0,1,0,0,1,-3,,,,", "", r"people.csv:2: head_sigma: .* at least 0"),
+        ("1,0,anna,0,0,1,0,0,1,-3,,,,", "", r"people.csv:2: head_sigma_deg: .* 0 to 180"),
+        ("1,0,anna,0,0,1,0,0,1,200,,,,", "", r"people.csv:2: head_sigma_deg: .* found 200"),
         ("1,0,anna,0,,1,,,,,,,,", "", r"people.csv:2: y_m: found nothing"),
         ("1,,anna,0,0,1,,,,,,,,", "", r"people.csv:2: found no time"),
         ("9223372036854775808,0,anna,0,0,1,,,,,,,,", "", r"people\.csv:2: frame: .*64 bits"),
@@ -135,3 +136,13 @@ def test_an_object_has_one_category(tmp_path: Path) -> None:
 def test_an_extent_of_the_manifest_that_is_not_positive_is_named(settings: dict[str, Any], key: str) -> None:
     with pytest.raises(VfoaError, match=rf"source\.{key}: expected greater than 0"):
         parse(MeasuredTablesSettings, settings, "mine.toml", "source")
+
+
+@pytest.mark.parametrize(("sigmas", "notes"), [((0.09, 0.17), 1), ((0.0, 0.0), 0), ((0.09, 8.0), 0)])
+def test_claimed_errors_in_radians_are_noted(tmp_path: Path, sigmas: tuple[float, float], notes: int) -> None:
+    rows = (f"{frame},{frame},anna,0,0,1,0,0,1,{sigma}" for frame, sigma in enumerate(sigmas))
+    header = "frame,time_ns,person,x_m,y_m,z_m,head_x,head_y,head_z,head_sigma_deg"
+    (tmp_path / "people.csv").write_text("\n".join([header, *rows, ""]))
+    found = open_measured("measured", tmp_path).notes
+    assert len(found) == notes
+    assert all("people.csv: head_sigma_deg: found at most 0.17" in note for note in found)
