@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from types import TracebackType
 from typing import NamedTuple, Self
 
 from harness.files.folders import read_value, write_value
@@ -59,9 +58,7 @@ class SharedRecorder:
         self._reconstructions = {name: LayerFile(self._files.reconstruction(name), self._files) for name in names}
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         whole = [layers for name, layers in self._layers.items() if kind is None and name not in self._failed]
         if whole:
             self._image_log.close()
@@ -145,13 +142,11 @@ class Recorder:
         self._layer = LayerFile(self.files.attention(self.layers.configuration), self.files)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self._layer.is_open:
             curves = {path for path in self._layer.part("attention").kept if path.startswith(f"{entities.ATTENTION}/")}
             self._layer.lay_out(file_layout(self.layers, replace(self._shown, curves=frozenset(curves))))
-        self._layer.close(complete=error is None)
+        self._layer.close(complete=kind is None)
 
     def write(self, frame: FinishedFrame) -> None:
         """Record one frame."""

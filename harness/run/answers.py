@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import fields
 from operator import attrgetter
-from types import TracebackType
 from typing import Any, Self
 
 from harness.files.io import take_lock
@@ -73,10 +72,8 @@ class AnswerWriter:
             self._files = files.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._files.__exit__(kind, error, trace)
+    def __exit__(self, *error: Any) -> None:
+        self._files.__exit__(*error)
 
     def write(self, frame: FinishedFrame) -> None:
         """Write one frame: the rows of its answers, and its ms per stage."""

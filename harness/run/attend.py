@@ -13,7 +13,6 @@ from contextlib import ExitStack
 from dataclasses import fields
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple, Self, TypeVar
 
 from harness.pipeline.configuration import METHODS_OF_CLIP, Configuration, open_method
@@ -162,16 +161,14 @@ class Answering:
         of_clip = {each.name: getattr(self._context, each.name) for each in fields(ClipContext)}
         return SinkContext(**of_clip, configuration=self._configuration.name, probabilistic=probabilistic)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         if kind is None and self.error is None:
             try:
                 self._hand_over(self._attender.finish())
             except VfoaError as late:
                 self.fail(late)
         try:
-            self._open_sinks.__exit__(kind, error, trace)
+            self._open_sinks.__exit__(kind, *error)
         except VfoaError as late:
             self.error = late
         if kind is None and self.error is None:

@@ -15,7 +15,6 @@ from dataclasses import fields
 from itertools import count
 from operator import attrgetter
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 from uuid import uuid4
 
@@ -146,9 +145,7 @@ class SceneWriters:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for folder in self._folders.values():
             folder.discard()
 

@@ -6,7 +6,6 @@ import io
 from collections.abc import Sequence
 from itertools import compress
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO, Self
 
 import cv2
@@ -43,9 +42,7 @@ class PictureWriter:
         picture_path(self._run, self._clip, 0).parent.mkdir(parents=True, exist_ok=True)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Every picture is whole already."""
 
     def write(self, frame: SharedFrame) -> None:
@@ -72,9 +69,7 @@ class ThumbnailWriter:
         self._file = self._partial.open("wb")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._file.close()
         if kind is None:
             self._partial.replace(self._path)
