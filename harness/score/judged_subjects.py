@@ -32,9 +32,10 @@ class JudgedSubject:
     attention, ``nowhere`` those in which the subject looks at nothing, ``says_nowhere`` those in which the method says
     so, ``blocked`` those whose line of sight the label calls blocked. ``confidence``, ``on_truth``, ``brier``,
     ``set_size`` and ``is_covered`` are as in :class:`harness.score.verdicts.Worth`. ``baselines`` (n, baselines)
-    says which baselines were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is
-    the smallest angle from the gaze to a box's centre, NaN if not known. ``rate_hz`` is the rate of the clip's
-    frames, None if unknown.
+    says which baselines were right, in the order of :data:`harness.score.baselines.BASELINES`, and ``baselines_right``
+    (baselines,) in how many of the labelled frames: of all of them, if only some are scored. ``angles_rad`` is the
+    smallest angle from the gaze to a box's centre, NaN if not known. ``rate_hz`` is the rate of the clip's frames, None
+    if unknown.
     """
 
     clip: str
@@ -57,6 +58,7 @@ class JudgedSubject:
     set_size: Float
     is_covered: Flags
     baselines: Flags
+    baselines_right: Codes
     angles_rad: Float
     rate_hz: float | None
 
@@ -81,12 +83,20 @@ def judged_subjects(
 
     In order of clip, configuration (both as they first appear in the records) and subject (by name). The baselines of a
     phase are fitted to that phase of the other clips. ``whole`` are the verdicts on all labelled frames if ``judged``
-    are those on some: baselines are fitted to them.
+    are those on some: baselines are fitted to them, and counted on them.
     """
     codes: dict[str, int] = {}
     subjects = _with_longer_looks([*_subjects_of(judged, reference, phase, codes)])
-    fitted_to = [*_subjects_of(whole, reference, phase, codes)] if whole else subjects
-    return _with_limits(_with_commonest(subjects, fitted_to, judged, codes), fitted_to)
+    if not whole:
+        return _with_baselines(subjects, subjects, judged, codes)
+    of_all = [*_subjects_of(whole, reference, phase, codes)]
+    right = {_key(each): each.baselines_right for each in _with_baselines(of_all, of_all, whole, codes)}
+    found = _with_baselines(subjects, of_all, judged, codes)
+    return [replace(of_subject, baselines_right=right[_key(of_subject)]) for of_subject in found]
+
+
+def _key(of_subject: JudgedSubject) -> tuple[str, str, str]:
+    return of_subject.clip, of_subject.configuration, of_subject.subject
 
 
 def _subjects_of(
@@ -131,7 +141,6 @@ def _judged_subject(judged: SubjectVerdicts, frames: Codes, rate: float | None, 
     truth = _coded(scored.truth, words, codes)
     positions = np.searchsorted(frames, scored.frames)
     confidence, on_truth, brier, set_size, is_covered = scored.worth.T
-    always = words.code(commonest(words.counts(scored.truth)))
     never = np.zeros((len(truth), 1), dtype=np.bool_)
     return JudgedSubject(
         clip=judged.clip,
@@ -153,10 +162,37 @@ def _judged_subject(judged: SubjectVerdicts, frames: Codes, rate: float | None, 
         brier=brier,
         set_size=set_size,
         is_covered=is_covered.astype(np.bool_),
-        baselines=np.concatenate([never, scored.hits, (scored.truth == always)[:, None]], axis=1),
+        baselines=np.concatenate([never, scored.hits, never], axis=1),
+        baselines_right=np.zeros(len(BASELINES), dtype=np.intp),
         angles_rad=scored.angles_rad,
         rate_hz=rate,
     )
+
+
+def _with_baselines(
+    subjects: list[JudgedSubject],
+    fitted_to: list[JudgedSubject],
+    judged: Mapping[Pair, PairVerdicts],
+    codes: Mapping[str, int],
+) -> list[JudgedSubject]:
+    """The subjects with the hits of the baselines that are fitted to labels, and the counts of all baselines."""
+    found = _with_commonest(_with_constant(subjects, fitted_to, codes), fitted_to, judged, codes)
+    found = _with_limits(found, fitted_to)
+    return [replace(each, baselines_right=np.count_nonzero(each.baselines, axis=0)) for each in found]
+
+
+def _with_hits(of_subject: JudgedSubject, baseline: str, hits: Flags) -> JudgedSubject:
+    baselines = of_subject.baselines.copy()
+    baselines[:, list(BASELINES).index(baseline)] = hits
+    return replace(of_subject, baselines=baselines)
+
+
+def _with_constant(
+    subjects: list[JudgedSubject], fitted_to: list[JudgedSubject], codes: Mapping[str, int]
+) -> list[JudgedSubject]:
+    """The subjects with the hits of their own commonest label."""
+    own = {_key(each): _commonest_code(np.bincount(each.truth, minlength=len(codes)), codes) for each in fitted_to}
+    return [_with_hits(each, "constant", each.truth == own[_key(each)]) for each in subjects]
 
 
 def _with_commonest(
@@ -173,16 +209,19 @@ def _with_commonest(
     totals: dict[str, Codes] = {}
     for (configuration, _), of_clip in counts.items():
         totals[configuration] = totals.get(configuration, 0) + of_clip
-    place, found = list(BASELINES).index("commonest"), []
+    found = []
     for of_subject in subjects:
         others = totals[of_subject.configuration] - counts[of_subject.configuration, of_subject.clip]
         targets = {*judged[of_subject.clip, of_subject.configuration].targets, NOWHERE} - {of_subject.subject}
-        can_be = {name: int(others[code]) for name, code in codes.items() if name in targets and others[code]}
-        baselines = of_subject.baselines.copy()
-        if (name := commonest(can_be)) is not None:
-            baselines[:, place] = of_subject.truth == codes[name]
-        found.append(replace(of_subject, baselines=baselines))
+        always = _commonest_code(others, {name: code for name, code in codes.items() if name in targets})
+        found.append(_with_hits(of_subject, "commonest", of_subject.truth == always))
     return found
+
+
+def _commonest_code(counts: Codes, codes: Mapping[str, int]) -> int | None:
+    """The code of the commonest of these names, of counts by code; None if none of them occurs."""
+    name = commonest({name: int(counts[code]) for name, code in codes.items() if counts[code]})
+    return None if name is None else codes[name]
 
 
 def _with_limits(subjects: list[JudgedSubject], fitted_to: list[JudgedSubject]) -> list[JudgedSubject]:
@@ -196,9 +235,8 @@ def _with_limits(subjects: list[JudgedSubject], fitted_to: list[JudgedSubject]) 
     for of_subject in subjects:
         is_target = of_subject.angles_rad <= limits[of_subject.configuration][of_subject.clip]
         says_nothing = np.isfinite(of_subject.angles_rad) & ~is_target
-        baselines = of_subject.baselines.copy()
-        baselines[:, place] = (of_subject.baselines[:, place] & is_target) | (of_subject.nowhere & says_nothing)
-        limited.append(replace(of_subject, baselines=baselines))
+        hits = (of_subject.baselines[:, place] & is_target) | (of_subject.nowhere & says_nothing)
+        limited.append(_with_hits(of_subject, "nearest_in_angle", hits))
     return limited
 
 

@@ -50,7 +50,8 @@ class ScoreRow:
     nothing" is true, said, and both; None for a method that cannot say it. ``visible`` and ``visible_correct`` count
     the frames whose line of sight no label calls blocked. ``baselines`` are the rates of
     :mod:`harness.score.baselines`, ``baselines_balanced`` their means of the rates with and without a true target;
-    ``beats`` says whether the best of them is beaten.
+    ``best_baseline`` is the one that is right most often and has not seen the labels, the first of equally good ones:
+    on all labelled frames of these subjects, if only some are scored. ``beats`` says whether it is beaten.
     ``error_types`` are the wrong frames by error type, in the order of :data:`ERROR_TYPES`, zeros included.
     ``seed_rates`` are the rates under each seed, if a configuration ran under several; ``n`` counts all of them.
     """
@@ -74,6 +75,7 @@ class ScoreRow:
     visible_correct: int
     baselines: Mapping[str, float]
     baselines_balanced: Mapping[str, float]
+    best_baseline: str
     beats: Beats
     error_types: Mapping[str, int]
     seed_rates: tuple[float, ...] = ()
@@ -97,11 +99,6 @@ class ScoreRow:
     def frr_visible(self) -> float:
         """FRR of the frames whose line of sight is free; NaN without any."""
         return self.visible_correct / self.visible if self.visible else math.nan
-
-    @property
-    def best_baseline(self) -> str:
-        """The best baseline on these frames that has not seen their labels; the first of equally good ones."""
-        return _best_baseline(self.baselines)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -299,6 +296,7 @@ def _row(
     answered = (column("predicted") >= 0) & ~no_hit
     error_types = sum((Counter(of_subject.error_types) for of_subject in group), Counter[str]())
     units = _units_of(group, [of_subject.correct for of_subject in group])
+    best = _best_baseline(group)
     return ScoreRow(
         clip=clip,
         subject=subject,
@@ -319,7 +317,8 @@ def _row(
         visible_correct=_count(correct & visible),
         baselines=dict(zip(BASELINES, baselines.mean(axis=0).tolist(), strict=True)),
         baselines_balanced=dict(zip(BASELINES, np.mean(recalls, axis=0).tolist(), strict=True)),
-        beats=_beats(group, baselines),
+        best_baseline=best,
+        beats=_beats(group, best),
         error_types={error_type: error_types[error_type] for error_type in ERROR_TYPES},
         seed_rates=_seed_rates(group),
     )
@@ -336,17 +335,18 @@ def _matches(true: Flags, predicted: Flags) -> MatchCounts:
     return MatchCounts(true=_count(true), predicted=_count(predicted), matched=_count(true & predicted))
 
 
-def _beats(group: list[JudgedSubject], baselines: Flags) -> Beats:
-    best = list(BASELINES).index(_best_baseline(dict(zip(BASELINES, baselines.sum(axis=0), strict=True))))
-    gains = _units_of(group, [of_subject.correct.astype(int) - of_subject.baselines[:, best] for of_subject in group])
+def _beats(group: list[JudgedSubject], baseline: str) -> Beats:
+    place = list(BASELINES).index(baseline)
+    gains = _units_of(group, [of_subject.correct.astype(int) - of_subject.baselines[:, place] for of_subject in group])
     if gains.values.sum() <= 0:
         return "no"
     return "yes" if sign_flip_p(gains.merged().values) < SIGNIFICANCE else "not shown"
 
 
-def _best_baseline(correct: Mapping[str, float]) -> str:
-    """The best baseline, by its rate or number of correct frames, that has not seen the labels; the first of equals."""
-    return max((name for name in BASELINES if name not in SEES_LABELS), key=lambda name: correct[name])
+def _best_baseline(group: list[JudgedSubject]) -> str:
+    """The baseline that is right most often and has not seen the labels; the first of equals."""
+    right = dict(zip(BASELINES, np.sum([each.baselines_right for each in group], axis=0).tolist(), strict=True))
+    return max((name for name in BASELINES if name not in SEES_LABELS), key=lambda name: right[name])
 
 
 def _count(flags: Flags) -> int:

@@ -14,7 +14,6 @@ from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnail, lines_path, picture_path
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, Vector
-from harness.score.baselines import SEES_LABELS
 from harness.score.finished_run import read_scores
 from harness.score.subset import Condition, conditions_of, measured_distances
 from tests.command import vfoa
@@ -83,11 +82,23 @@ def test_a_condition_on_the_target_tells_no_baseline_the_answer(run: Path) -> No
     def right_frames(*conditions: str) -> dict[str, float]:
         scores = read_scores(RunDirectory(run), [Condition.parse(text) for text in conditions])
         row = scores.overall()[0]
-        return {name: rate * row.n for name, rate in row.baselines.items() if name not in SEES_LABELS}
+        return {name: rate * row.n for name, rate in row.baselines.items()}
 
     parts = [right_frames(f"target={target}") for target in ("cup", "book", "none")]
-    assert parts[1]["commonest"] == 0
+    assert parts[1]["commonest"] == parts[1]["constant"] == 0
     assert {name: sum(part[name] for part in parts) for name in parts[0]} == pytest.approx(right_frames())
+
+
+def test_the_best_baseline_is_that_of_all_labelled_frames(tmp_path: Path) -> None:
+    """On looks at the book alone, the rule that always finds the book would be the best one, with 100 %."""
+    clips = [write_clip(tmp_path, clip, ("cup", "cup", "cup", "book")) for clip in ("a", "b")]
+    records = [record for clip in ("a", "b") for record in answers(["cup", "book", "cup", "book"], clip=clip)]
+    directory = write_run(tmp_path / "run", records, clips=clips)
+    for where in ([], [Condition.parse("target=book")]):
+        scores = read_scores(directory, where)
+        assert {row.best_baseline for row in scores.rows} == {"commonest"}
+    (row,) = scores.overall()
+    assert (row.frr, row.baselines["nearest"], row.baselines["commonest"], row.beats) == (1, 1, 0, "not shown")
 
 
 @pytest.mark.parametrize(
