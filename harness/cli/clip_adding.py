@@ -14,7 +14,7 @@ import typer
 
 from harness.cli.options import Json, named_once
 from harness.cli.terminal import print_json, print_table, say, vfoa_command
-from harness.run.notes import clips_by_line
+from harness.files.groups import grouped
 from vfoa.errors import VfoaError, listed
 
 if TYPE_CHECKING:
@@ -240,11 +240,9 @@ def _print_all(clips: Sequence[Added]) -> None:
         ],
         shortened="calibration",
     )
-    for note, of_note in clips_by_line({clip.name: clip.notes for clip in clips}).items():
+    for note, of_note in grouped((note, clip.name) for clip in clips for note in clip.notes).items():
         say(f"note: {listed(of_note)}: {note}")
-    kinds: dict[object, list[Added]] = {}
-    for clip in clips:
-        kinds.setdefault((clip.rig is None, clip.has_right, bool(clip.targets)), []).append(clip)
+    kinds = grouped(((clip.rig is None, clip.has_right, bool(clip.targets)), clip) for clip in clips)
     for alike in kinds.values():
         for line in _next_steps(alike):
             say(line)

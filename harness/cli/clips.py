@@ -13,7 +13,7 @@ import typer
 from harness.cli.clip_adding import add_clip
 from harness.cli.options import Clip, Json, clip_and_family_names
 from harness.cli.terminal import bytes_bar, exit_if_interrupted, frames_bar, print_json, print_table, say
-from harness.run.notes import clips_by_line
+from harness.files.groups import grouped
 from vfoa.errors import VfoaError, check_known, counted, listed
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ def _print_checks(checks: list[ClipCheck]) -> None:
         ],
     )
     lines = {check.name: (*check.problems, *(f"note: {note}" for note in check.notes)) for check in checks}
-    for line, clips in clips_by_line(lines).items():
+    for line, clips in grouped((line, name) for name, of_clip in lines.items() for line in of_clip).items():
         say(f"{listed(clips)}: {line}")
 
 

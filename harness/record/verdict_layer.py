@@ -16,6 +16,7 @@ import numpy as np
 import rerun as rr
 
 from harness.files.digests import digest_files
+from harness.files.groups import grouped
 from harness.labels.labels import Labels
 from harness.record import appearance, entities, frame_log, layer_file, verdict_content
 from harness.record.appearance import Colours
@@ -24,7 +25,7 @@ from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, RecordingIds, recording_ids
 from harness.record.reading import RecordingFile
 from harness.record.verdict_content import log_palettes, log_styles, log_verdicts
-from harness.run.directory import Pair, RunDirectory
+from harness.run.directory import RunDirectory
 from harness.run.manifest import AnswerTraits
 from harness.run.records import renamed
 from harness.run.table_columns import ColumnReader
@@ -79,10 +80,8 @@ def write_verdict_layers(
     manifest = directory.read_manifest()
     clips = {clip.name: (clip.subjects, clip.targets) for clip in manifest.clips}
     reader, columns = TableReader(directory, manifest), ColumnReader(directory, manifest)
-    of_pair: dict[Pair, list[Block]] = {}
-    for block in reader.blocks:
-        of_pair.setdefault((block.clip, block.configuration), []).append(block)
-    for (clip, configuration), its_blocks in of_pair.items():
+    blocks = grouped(((block.clip, block.configuration), block) for block in reader.blocks)
+    for (clip, configuration), its_blocks in blocks.items():
         attention = ClipFiles(run=directory.path, clip=clip).attention(configuration)
         if attention.is_file():
             files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.run_id, clip))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.files.groups import grouped
 from harness.files.io import atomic_write
 from harness.report.benchmark import MATERIALS
 from harness.report.formats import UNKNOWN, Table, number, percent, percent_range, to_csv, to_markdown
@@ -90,10 +91,7 @@ def unlabelled_settings_table(scores: Mapping[str, Scores]) -> Table:
 
 def _by_setting(method: str, of_runs: Mapping[str, Mapping[str, Rates]]) -> dict[str, Rates]:
     """The rates of a method by setting, without those in which it failed."""
-    found: dict[str, list[Rates]] = {}
-    for name, of_run in of_runs.items():
-        if method in of_run:
-            found.setdefault(MATERIALS[name].setting, []).append(of_run[method])
+    found = grouped((MATERIALS[name].setting, of_run[method]) for name, of_run in of_runs.items() if method in of_run)
     return {setting: Rates.mean(rates) for setting, rates in found.items()}
 
 

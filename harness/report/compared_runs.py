@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+from harness.files.groups import grouped
 from harness.report.comparisons import run_in_words, shared_folder
 from harness.report.formats import Table, percent, percent_range
 from harness.score.compared_runs import ComparedRuns, VerdictChange
@@ -46,14 +47,13 @@ def compared_lines(compared: ComparedRuns) -> list[str]:
 
 def _identical_runs(compared: ComparedRuns, shared: str) -> Iterator[str]:
     """A sentence for every two runs that are right on the same frames in all configurations that are compared."""
-    of_runs: dict[tuple[str, str], list[Comparison]] = {}
-    for comparison in compared.comparisons:
-        reference, run = (str(compared.places[name][0]) for name in comparison.names)
-        if reference != run:
-            of_runs.setdefault((reference, run), []).append(comparison)
-    for (reference, run), comparisons in of_runs.items():
-        if all(comparison.is_identical for comparison in comparisons):
-            names = " and ".join(run_in_words(each, shared) for each in (reference, run))
+    of_runs = grouped(
+        (tuple(compared.places[name][0] for name in comparison.names), comparison)
+        for comparison in compared.comparisons
+    )
+    for runs, comparisons in of_runs.items():
+        if len({*runs}) > 1 and all(comparison.is_identical for comparison in comparisons):
+            names = " and ".join(run_in_words(run, shared) for run in runs)
             many = counted(len(comparisons), "configuration")
             yield f"{names}: {identical_on(sum(comparison.n for comparison in comparisons))} of {many}."
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.files.groups import grouped
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table, number
 from harness.run.columns import MeasureColumns
@@ -75,14 +76,14 @@ def pooled_measures(parts: Mapping[Pair, MeasureColumns]) -> dict[tuple[str | No
 
     The seeds of a configuration are taken together, here and below; what is pooled has no ids and names.
     """
-    groups: dict[tuple[str | None, str], list[MeasureColumns]] = {}
-    for (clip, configuration), part in parts.items():
-        if part.frames:
-            groups.setdefault((clip, base_of(configuration)), []).append(part)
+    groups = grouped(
+        ((clip, base_of(configuration)), part) for (clip, configuration), part in parts.items() if part.frames
+    )
+    of_all = grouped((name, part) for (_, name), group in groups.items() for part in group)
+    pooled: dict[tuple[str | None, str], MeasureColumns] = {key: _pooled(group) for key, group in groups.items()}
     if len({clip for clip, _ in groups}) > 1:
-        for (_, name), of_clip in list(groups.items()):
-            groups.setdefault((None, name), []).extend(of_clip)
-    return {key: _pooled(group) for key, group in groups.items()}
+        pooled |= {(None, name): _pooled(group) for name, group in of_all.items()}
+    return pooled
 
 
 def _pooled(group: Iterable[MeasureColumns]) -> MeasureColumns:
@@ -101,12 +102,14 @@ def _measures_by_object(parts: Mapping[Pair, MeasureColumns]) -> dict[tuple[str,
     for (clip, _), part in parts.items():
         for truth_id, name in part.names.items():
             names.setdefault((clip, truth_id), name)
-    by_object: dict[tuple[str, str, str], list[Float]] = {}
-    for (clip, configuration), part in parts.items():
-        for truth_id, label in part.labels.items():
-            name = names.get((clip, truth_id), f"{label}#{truth_id}")
-            of_object = part.objects[part.truth_ids == truth_id]
-            by_object.setdefault((clip, name, base_of(configuration)), []).append(of_object)
+    by_object = grouped(
+        (
+            (clip, names.get((clip, truth_id), f"{label}#{truth_id}"), base_of(configuration)),
+            part.objects[part.truth_ids == truth_id],
+        )
+        for (clip, configuration), part in parts.items()
+        for truth_id, label in part.labels.items()
+    )
     in_order = sorted(by_object.items(), key=lambda item: item[0][:2])
     return {key: np.concatenate(found) for key, found in in_order}
 

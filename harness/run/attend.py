@@ -15,6 +15,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeVar
 
+from harness.files.groups import grouped
 from harness.pipeline.configuration import METHODS_OF_CLIP, Configuration, open_method
 from harness.pipeline.stage_runner import Timings, guarded, timed
 from harness.run.answers import AnswerWriter, answer_rows, filtered_cues
@@ -221,10 +222,10 @@ def _read_together(
     tables: Mapping[_Name, Mapping[str, Path]], settings: Mapping[_Name, AttendSettings]
 ) -> Iterator[list[_Name]]:
     """Group the names whose scene, directions and number of points of a cloud are the same: they are read once."""
-    alike: dict[tuple[Path, Path, int], list[_Name]] = {}
-    for name, paths in tables.items():
-        key = paths["frames"], paths["directions"], settings[name].attention.cloud_points
-        alike.setdefault(key, []).append(name)
+    alike = grouped(
+        ((paths["frames"], paths["directions"], settings[name].attention.cloud_points), name)
+        for name, paths in tables.items()
+    )
     yield from alike.values()
 
 

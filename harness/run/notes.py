@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum, auto
 
@@ -47,12 +47,3 @@ def fitted_on_reported(weights: str, clips: Iterable[str]) -> Note:
 def unlabelled(clip: str, reason: str) -> Note:
     """Return the note that a clip is not scored; ``reason`` follows the clip's name."""
     return Note(f"{clip}: {reason}", NoteKind.UNLABELLED, clip)
-
-
-def clips_by_line(lines: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
-    """The clips of each line, from the lines of each clip, so that a line of several clips is shown once."""
-    clips: dict[str, list[str]] = {}
-    for clip, of_clip in lines.items():
-        for line in of_clip:
-            clips.setdefault(line, []).append(clip)
-    return clips

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.files.groups import grouped
 from harness.run.directory import Pair
 from harness.run.grid import base_of
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
@@ -118,11 +119,8 @@ class DirectionCheck:
 
 def _with_values(subjects: Iterable[JudgedSubject], column: str) -> dict[str, list[JudgedSubject]]:
     """By configuration, all seeds together: the subjects that have a value in a column."""
-    groups: dict[str, list[JudgedSubject]] = {}
-    for of_subject in subjects:
-        if not np.isnan(getattr(of_subject, column)).all():
-            groups.setdefault(base_of(of_subject.configuration), []).append(of_subject)
-    return groups
+    known = (each for each in subjects if not np.isnan(getattr(each, column)).all())
+    return grouped((base_of(of_subject.configuration), of_subject) for of_subject in known)
 
 
 def reliabilities(subjects: Iterable[JudgedSubject]) -> list[Reliability]:
@@ -142,9 +140,7 @@ def reliabilities(subjects: Iterable[JudgedSubject]) -> list[Reliability]:
 
 def reliabilities_by_subject(subjects: Iterable[JudgedSubject]) -> list[tuple[str, str, Reliability]]:
     """Clip, subject and calibration: one for each configuration with probabilities, sorted by clip and subject."""
-    groups: dict[tuple[str, str], list[JudgedSubject]] = {}
-    for of_subject in subjects:
-        groups.setdefault((of_subject.clip, of_subject.subject), []).append(of_subject)
+    groups = grouped(((of_subject.clip, of_subject.subject), of_subject) for of_subject in subjects)
     return [(*place, row) for place, group in sorted(groups.items()) for row in reliabilities(group)]
 
 
@@ -163,10 +159,7 @@ def direction_checks(judged: Mapping[Pair, PairVerdicts]) -> list[DirectionCheck
 
     Of configurations with the same one (a posterior, and logits that use it), the first is checked.
     """
-    fits: dict[Pair, list[Float]] = {}
-    for (clip, name), part in judged.items():
-        if len(part.fits):
-            fits.setdefault((clip, base_of(name)), []).append(part.fits)
+    fits = grouped(((clip, base_of(name)), part.fits) for (clip, name), part in judged.items() if len(part.fits))
     distinct: dict[tuple[str, bytes], tuple[str, Float]] = {}
     for (clip, name), parts in fits.items():
         values = np.concatenate(parts)
@@ -253,10 +246,8 @@ def _interval(gaps: Float, places: Codes, clips: Codes) -> Interval:
 
 def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
     """A note for each configuration whose directions do not fit on some of its clips."""
-    notes, by_name = [], dict[str, list[DirectionCheck]]()
-    for check in checks:
-        by_name.setdefault(check.configuration, []).append(check)
-    for name, of_name in by_name.items():
+    notes = []
+    for name, of_name in grouped((check.configuration, check) for check in checks).items():
         if unfit := [check for check in of_name if not check.fits]:
             where = f"{len(unfit)} of {len(of_name)} clips ({', '.join(check.clip for check in unfit)})"
             notes.append(

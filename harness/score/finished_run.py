@@ -15,12 +15,13 @@ from typing import Any
 from harness.clips.manifest import ClipManifest, manifest_of_run
 from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
+from harness.files.groups import grouped
 from harness.labels.labels import Timeline
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
 from harness.run.manifest import ClipOfRun, RunManifest, differences
-from harness.run.notes import Note, NoteKind, clips_by_line, unlabelled
+from harness.run.notes import Note, NoteKind, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import has_images
 from harness.run.table_columns import ColumnReader
@@ -159,7 +160,7 @@ class FinishedRun:
             emptied = (name for name, of_clip in whole.items() if of_clip.are_scored and name not in left)
             conditions += [unlabelled(name, "no labelled frame meets the conditions, not scored.") for name in emptied]
             conditions.append(Note(f"Only frames with {' and '.join(each.text for each in where)}."))
-        of_clips = clips_by_line({clip.name: clip.notes for clip in run.clips})
+        of_clips = grouped((note, clip.name) for clip in run.clips for note in clip.notes)
         changed: list[str] = []
         for clip in run.clips:
             manifest, digest = manifests[clip.name], (run.run_labels_sha256 or run.labels_sha256).get(clip.name)
@@ -319,11 +320,8 @@ def _content_notes(clip: ClipOfRun, manifest: ClipManifest, digests: Path) -> It
 
 def _twice_notes(clips: Iterable[ClipOfRun]) -> Iterator[Note]:
     """A note on clips of the same content under several names: their looks are not independent."""
-    names: dict[str | None, list[str]] = {}
-    for clip in clips:
-        names.setdefault(clip.sha256, []).append(clip.name)
-    for digest, same in names.items():
-        if digest is not None and len(same) > 1:
+    for same in grouped((clip.sha256, clip.name) for clip in clips if clip.sha256 is not None).values():
+        if len(same) > 1:
             text = (
                 f"{', '.join(same)}: the same images under {len(same)} names: rates, intervals and tests count them "
                 f"{len(same)} times; expected one of them in a run."
@@ -333,12 +331,11 @@ def _twice_notes(clips: Iterable[ClipOfRun]) -> Iterator[Note]:
 
 def carried_mask_notes(configurations: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Yield a note for each distance of key frames, with the configurations that have it."""
-    names: dict[int, list[str]] = {}
-    for name, configuration in configurations.items():
-        every = (configuration.get("segmentation") or {}).get("every", 1)
-        if every > 1:
-            names.setdefault(every, []).append(name)
-    for every, chosen in names.items():
+    distances = (
+        ((configuration.get("segmentation") or {}).get("every", 1), name)
+        for name, configuration in configurations.items()
+    )
+    for every, chosen in grouped((every, name) for every, name in distances if every > 1).items():
         yield (
             f"{', '.join(chosen)}: masks are found once in {every} frames (segmentation.every = {every}). Optical flow "
             f"carries them to the frames in between, so they are up to {every - 1} frames old; masks_from and "

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.files.groups import grouped
 from harness.labels.labels import NOWHERE
 from harness.run.columns import Words
 from harness.run.directory import Pair
@@ -227,9 +228,7 @@ def _commonest_code(counts: Codes, codes: Mapping[str, int]) -> int | None:
 def _with_limits(subjects: list[JudgedSubject], fitted_to: list[JudgedSubject]) -> list[JudgedSubject]:
     """The subjects with the limit of ``nearest_in_angle`` that is best on the other clips, by configuration."""
     place = list(BASELINES).index("nearest_in_angle")
-    by_configuration: dict[str, list[JudgedSubject]] = {}
-    for of_subject in fitted_to:
-        by_configuration.setdefault(of_subject.configuration, []).append(of_subject)
+    by_configuration = grouped((of_subject.configuration, of_subject) for of_subject in fitted_to)
     limits = {name: _limits_rad(group, place) for name, group in by_configuration.items()}
     limited = []
     for of_subject in subjects:

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.files.groups import grouped
 from harness.run.columns import MeasureColumns, PairColumns
 from harness.run.directory import Pair
 from harness.run.grid import base_of
@@ -162,10 +163,11 @@ class Scores:
 
     def frames_of(self, configuration: str) -> list[ScoredFrames]:
         """One configuration's scored frames on all clips, as :func:`harness.score.comparison.compare` takes them."""
-        seeds_of: dict[tuple[str, str], list[JudgedSubject]] = {}
-        for of_subject in self.judged_subjects:
-            if base_of(of_subject.configuration) == configuration and len(of_subject.frames):
-                seeds_of.setdefault((of_subject.clip, of_subject.subject), []).append(of_subject)
+        seeds_of = grouped(
+            ((of_subject.clip, of_subject.subject), of_subject)
+            for of_subject in self.judged_subjects
+            if base_of(of_subject.configuration) == configuration and len(of_subject.frames)
+        )
         return [
             ScoredFrames(
                 clip=clip,
@@ -325,9 +327,7 @@ def _row(
 
 
 def _seed_rates(group: list[JudgedSubject]) -> tuple[float, ...]:
-    by_seed: dict[str, list[Flags]] = {}
-    for of_subject in group:
-        by_seed.setdefault(of_subject.configuration, []).append(of_subject.correct)
+    by_seed = grouped((of_subject.configuration, of_subject.correct) for of_subject in group)
     return tuple(float(np.concatenate(flags).mean()) for flags in by_seed.values()) if len(by_seed) > 1 else ()
 
 
