@@ -389,6 +389,14 @@ def calibrated_size_px(cameras: Cameras) -> tuple[int, int] | None:
     return cameras.size_px if isinstance(cameras, Calibration) else cameras.left.size_px
 
 
+def in_metres(cameras: Cameras, unit_m: float) -> Cameras:
+    """Return cameras whose baseline is in another unit, in metres."""
+    if isinstance(cameras, Calibration):
+        return replace(cameras, baseline_m=cameras.baseline_m * unit_m)
+    left, right = (replace(camera, p=camera.p * [1, 1, 1, unit_m]) for camera in (cameras.left, cameras.right))
+    return replace(cameras, left=left, right=right)
+
+
 def scaled_to(cameras: Cameras, size_px: tuple[int, int]) -> Cameras:
     """Return the calibration of images that were scaled to (width, height); the same object if that is its own size.
 

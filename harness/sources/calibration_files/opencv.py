@@ -10,9 +10,18 @@ from typing import Any
 import cv2
 import numpy as np
 
-from harness.sources.calibration import from_projections
+from harness.sources.calibration import Calibration, from_projections
 from harness.sources.calibration_files.documents import Document, numbers
-from harness.sources.rectification import MODELS, Cameras, ImageSize, Model, RawCalibration, RawCamera, rectify_pose
+from harness.sources.rectification import (
+    MODELS,
+    Cameras,
+    ImageSize,
+    Model,
+    RawCalibration,
+    RawCamera,
+    in_metres,
+    rectify_pose,
+)
 from vfoa.errors import VfoaError, listed
 from vfoa.types import Float
 
@@ -26,23 +35,36 @@ _OF_A_CAMERA = {
     "P": ("p", "proj", "projmat", "projmatrix", "projection", "projectionmatrix"),
 }
 _OF_THE_PAIR = {
-    "R": ("r", "rot", "rotation", "rotationmatrix", "rotationmat", "rotationofcamera2", "stereorotation"),
-    "T": (
-        *("t", "trans", "translation", "translationvector", "translationvec"),
-        *("translationofcamera2", "stereotranslation"),
-    ),
+    "R": ("r", "rot", "rotation", "rotationmatrix", "rotationmat", "rotationofcamera2"),
+    "T": ("t", "trans", "translation", "translationvector", "translationvec", "translationofcamera2"),
 }
+_TABLES_OF_THE_PAIR = ("", "stereo", "extrinsic", "extrinsics")
+"""Where R and T are in a file with a table for each camera; "" is beside them."""
+_UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0}
+_WITH_UNIT = {
+    f"{table}{name}{unit}": unit_m
+    for table in _TABLES_OF_THE_PAIR
+    for name in _OF_THE_PAIR["T"]
+    for unit, unit_m in _UNITS_M.items()
+}
+"""The unit of a translation whose name says it, by that name."""
 _MOST_RADIANS = 0.15
 """Longest rotation vector of a pair that is read, 9 degrees; longer ones are probably in degrees.
 
 The cameras of most pairs differ by less than this in radians, and by more than this in degrees.
 """
+_BASELINE = re.compile(rf".*baseline({'|'.join(_UNITS_M)})")
+_MOST_OFF = 2.0
+"""Largest ratio of a baseline to the one of the matrices; a nominal one is off by some percent, another unit by 10."""
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")
 _RECTIFICATION = ("R1", "R2", "P1", "P2")
 
 
-_ROLES = {name: role for role, names in _OF_THE_PAIR.items() for name in names} | {
+_ROLES = {
+    **{f"{table}{name}": role for role in "RT" for name in _OF_THE_PAIR[role] for table in _TABLES_OF_THE_PAIR},
+    **dict.fromkeys(_WITH_UNIT, "T"),
+} | {
     spelling: f"{role}{sides[0]}"
     for role, names in _OF_A_CAMERA.items()
     for name in names
@@ -65,17 +87,49 @@ _SIZES = {
 """Plain names of the size of the images."""
 
 
-def opencv_pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
+def opencv_pair(
+    document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool, has_unit: bool
+) -> Cameras:
     """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
 
     P1 and P2 without distortion, rotation or translation describe images that are rectified already. Of these four, a
-    matrix of zeros was not computed, and does not count; nor does any matrix without numbers.
+    matrix of zeros was not computed, and does not count; nor does any matrix without numbers. Lengths are in metres; in
+    the file's own unit if ``has_unit`` (the user gives it) or the file does not say it.
 
     Raises
     ------
     VfoaError
         If a matrix is missing, occurs under two names, or has a wrong shape.
     """
+    cameras = _pair(document, size, where, rectified=rectified, fisheye=fisheye)
+    return cameras if has_unit else in_metres(cameras, _unit_m(document, cameras, where))
+
+
+def _unit_m(document: Document, cameras: Cameras, where: str) -> float:
+    """The unit of a file's translation, by its name (``translation_mm``) or by a baseline whose name has a unit.
+
+    People write ``baseline_mm`` beside matrices in metres, too, so the two are compared.
+    """
+    values = dict(_one_level(document))
+    if by_name := [_WITH_UNIT[plain] for name in values if (plain := _plain(name)) in _WITH_UNIT]:
+        return by_name[0]
+    stated = [(name, unit[1]) for name in values if (unit := _BASELINE.fullmatch(_plain(name)))]
+    if not stated:
+        return 1.0
+    name, own = stated[0]
+    (baseline,) = numbers(values[name], f"{where}: {name}", 1)
+    length = (cameras if isinstance(cameras, Calibration) else cameras.rectified()).baseline_m
+    for unit_m in _UNITS_M.values():
+        if 1 / _MOST_OFF < baseline * _UNITS_M[own] / (length * unit_m) < _MOST_OFF:
+            return unit_m
+    raise VfoaError(
+        f"{where}: {name}: found {baseline:g}, and cameras {length:g} apart by the matrices; expected the same in m, "
+        'cm or mm: say calibration_unit = "mm" (or "cm", "m"), the unit of the matrices, or baseline_m = in [source]'
+    )
+
+
+def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
+    """The pair of :func:`opencv_pair` in the file's own unit."""
     document = _numbered_from_1(dict(_one_level(document)), where)
     read = _opencv_matrices(document, where)
     unset = [name for name, matrix in read.items() if not matrix.any() and (name in _RECTIFICATION or not matrix.size)]

@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
 from harness.files.io import read_text
@@ -32,7 +30,7 @@ from harness.sources.calibration_files.one_camera import realsense_cameras
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.media.frame_files import pair_names
-from harness.sources.rectification import Cameras, ImageSize, RawCalibration, scaled_to
+from harness.sources.rectification import Cameras, ImageSize, in_metres, scaled_to
 from vfoa.errors import VfoaError, listed
 from vfoa.settings import Settings
 
@@ -50,10 +48,10 @@ class Options(Settings):
     """Settings of a manifest for what a calibration's file does not contain.
 
     ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr,
-    Basalt and VINS-Fusion. ``calibration_unit`` is that of the translation; by default metres, or what MATLAB's file
-    says. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``. ``rectified``: the images are rectified already,
-    although the file also says how to rectify. ``baseline_m``: the distance of the two cameras, which replaces the
-    file's or completes a file without one.
+    Basalt and VINS-Fusion. ``calibration_unit`` is that of the translation; by default metres, or what the file says
+    (MATLAB's ``WorldUnits``, ``baseline_mm`` beside OpenCV's matrices). ``fisheye``: OpenCV's matrices are of
+    ``cv2.fisheye``. ``rectified``: the images are rectified already, although the file also says how to rectify.
+    ``baseline_m``: the distance of the two cameras, which replaces the file's or completes a file without one.
     """
 
     calibration_cameras: tuple[int, int] | None = None
@@ -89,7 +87,7 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     Returns
     -------
     Cameras
-        A :class:`RawCalibration`, which rectifies images, or a :class:`Calibration` of rectified ones.
+        Cameras before rectification, or the calibration of rectified images.
 
     Raises
     ------
@@ -114,17 +112,11 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
         raise _NoChoiceError(f"{where}: calibration_cameras: found {chosen}; expected none for a file of {program}")
     if options.fisheye and program != "OpenCV":
         raise VfoaError(f"{where}: fisheye: found true for a file of {program}; expected it only for files of OpenCV")
-    if isinstance(cameras, RawCalibration) and not options.rectified:
-        scale = METRES[options.calibration_unit]
-        if options.baseline_m is not None:
-            scale = options.baseline_m / cameras.rectified().baseline_m
-        left, right = (
-            replace(raw_camera, p=raw_camera.p * np.array([1, 1, 1, scale]))
-            for raw_camera in (cameras.left, cameras.right)
-        )
-        return replace(cameras, left=left, right=right)
     rectified = cameras if isinstance(cameras, Calibration) else cameras.rectified()
-    return replace(rectified, baseline_m=options.baseline_m or rectified.baseline_m * METRES[options.calibration_unit])
+    unit_m = METRES[options.calibration_unit]
+    if options.baseline_m is not None:
+        unit_m = options.baseline_m / rectified.baseline_m
+    return in_metres(rectified if options.rectified else cameras, unit_m)
 
 
 def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Cameras]:
@@ -182,7 +174,14 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
             "--cy and --baseline in metres (the length of the translation between them): its infrared images are "
             "rectified; of other images, K1 D1 K2 D2 R T"
         )
-    cameras = opencv.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
+    cameras = opencv.opencv_pair(
+        merged,
+        size,
+        where,
+        rectified=options.rectified,
+        fisheye=options.fisheye,
+        has_unit="calibration_unit" in options.model_fields_set or options.baseline_m is not None,
+    )
     return "OpenCV", cameras
 
 

@@ -692,6 +692,29 @@ def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
     _assert_rows_match_and_depths_come_back(found, RIG, _points(2))
 
 
+@pytest.mark.parametrize("said", [{"baseline_mm": 119.9}, {"baseline_cm": 12}, {"calculated_baseline_m": 0.1199}])
+@pytest.mark.parametrize("unit", METRES)
+def test_a_baseline_with_its_unit_says_that_of_the_matrices(tmp_path: Path, said: dict[str, float], unit: Unit) -> None:
+    """People's scripts save it beside T, in a unit of its own."""
+    lists = {name: (value / (METRES[unit] if name == "T" else 1)).tolist() for name, value in opencv_nodes(RIG).items()}
+    path = write_text(tmp_path / "c.json", json.dumps({**lists, **said}))
+    _assert_rows_match_and_depths_come_back(_raw([path]), RIG, _points(4))
+    given = _raw([path], Options(calibration_unit="m")).rectified().baseline_m
+    assert given == pytest.approx(np.linalg.norm(RIG.translation_m) / METRES[unit])
+    write_text(path, json.dumps({**lists, "baseline_mm": 40}))
+    with pytest.raises(VfoaError, match=r"c\.json: baseline_mm: found 40, and cameras .*calibration_unit"):
+        _raw([path])
+    assert _raw([path], Options(baseline_m=0.3)).rectified().baseline_m == pytest.approx(0.3)
+
+
+def test_a_translation_is_in_the_unit_of_its_name(tmp_path: Path) -> None:
+    lists = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+    translation_mm = (1000 * np.array(lists.pop("T"))).tolist()
+    for said in ({"translation_mm": translation_mm}, {"extrinsics": {"T_mm": translation_mm}}):
+        path = write_text(tmp_path / "c.json", json.dumps({**lists, **said}))
+        _assert_rows_match_and_depths_come_back(_raw([path]), RIG, _points(5))
+
+
 def test_a_chain_beside_the_images_may_begin_with_the_right_camera(tmp_path: Path) -> None:
     path = FORMATS["kalibr"](tmp_path)[0]
     chain = yaml.safe_load(path.read_text(encoding="utf-8"))

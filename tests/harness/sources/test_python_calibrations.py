@@ -36,6 +36,10 @@ NESTED = {
     "R": LISTS["R"],
     "T": LISTS["T"],
 }
+IN_TABLES = {
+    "camera_left": {"camera_matrix": LISTS["K1"], "dist_coeffs": LISTS["D1"]},
+    "camera_right": {"camera_matrix": LISTS["K2"], "dist_coeffs": LISTS["D2"]},
+}
 MAPS: dict[str, Any] = {
     name: np.zeros((48, 64), np.float32) for name in ("stereoMapL_x", "stereoMapL_y", "stereoMapR_x", "stereoMapR_y")
 }
@@ -63,6 +67,11 @@ WRITERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "lists in JSON": ("c.json", _json(LISTS)),
     "rows in JSON": ("c.json", _json(ROWS)),
     "nested JSON": ("c.json", _json(NESTED)),
+    "a table of the pair in JSON": ("c.json", _json({**IN_TABLES, "stereo": {"R": LISTS["R"], "T": LISTS["T"]}})),
+    "a table of the pose in JSON": (
+        "c.json",
+        _json({**IN_TABLES, "extrinsics": {"rotation_matrix": LISTS["R"], "translation_vector": LISTS["T"]}}),
+    ),
     "rotation vector in JSON": ("c.json", _json({**LISTS, "R": RIG.rotation_vector.tolist()})),
 }
 
