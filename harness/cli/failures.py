@@ -14,6 +14,7 @@ import typer
 
 from harness.cli.serving import browse
 from harness.cli.terminal import say
+from harness.run.grid import is_meant
 from vfoa.errors import VfoaError, counted, did_you_mean
 
 if TYPE_CHECKING:
@@ -201,6 +202,6 @@ def _nothing_to_show(scores: Scores, chosen: Chosen) -> str:
 def _judged(scores: Scores, chosen: Chosen) -> Iterator[JudgedSubject]:
     """What was judged of the chosen clip, configuration and subject."""
     for each in scores.judged_subjects:
-        asked = (chosen.clip, each.clip), (chosen.configuration, each.configuration), (chosen.subject, each.subject)
-        if all(wanted in (None, name) for wanted, name in asked):
+        asked = (chosen.clip, each.clip), (chosen.subject, each.subject)
+        if all(wanted in (None, name) for wanted, name in asked) and is_meant(each.configuration, chosen.configuration):
             yield each

@@ -134,14 +134,15 @@ def _compared(
     from dataclasses import replace
 
     from harness.record.composed import find_clips
+    from harness.run.results import choose
 
     if clip is None or config is not None or compare[0] == compare[1] or run.is_file():
         raise VfoaError("view --compare: expected a run's directory, --clip, no --config, and two configurations")
-    for configuration in compare:
-        find_clips(run, clip, configuration)
     (recorded,) = find_clips(run, clip, None)
     recorded.expect_subject(subject)
-    return replace(recorded.compare(*compare), subject=subject)
+    names = [layers.configuration for layers in recorded.layers]
+    first, second = (choose(names, configuration, run) for configuration in compare)
+    return replace(recorded.compare(first, second), subject=subject)
 
 
 def catalog(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from harness.files.ascending import numbers_per_second
 from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.run.directory import Pair, RunDirectory
+from harness.run.grid import base_of, is_meant
 from vfoa.errors import VfoaError, did_you_mean
 
 if TYPE_CHECKING:
@@ -108,8 +109,9 @@ class RecordedClip:
             raise VfoaError(f"{self.files.clip}: no subject {subject!r}; {did_you_mean(subject, self.subjects)}")
 
     def under(self, configuration: str) -> RecordedClip:
-        """Return the clip with only one of these configurations."""
-        return replace(self, layers=tuple(layer for layer in self.layers if layer.configuration == configuration))
+        """Return the clip with only one of these configurations, or with all that repeat it under seeds."""
+        layers = tuple(layer for layer in self.layers if is_meant(layer.configuration, configuration))
+        return replace(self, layers=layers)
 
     def layer_files(self) -> dict[str, Path]:
         """Every existing file of the clip, by the part of its name that differs from the clip's other files."""
@@ -199,7 +201,7 @@ def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[R
         if not clips:
             raise VfoaError(f"{run}: found no recording of clip {clip!r}; {did_you_mean(clip, known)}")
     if configuration is not None:
-        known = sorted({layers.configuration for recorded_clip in clips for layers in recorded_clip.layers})
+        known = [base_of(layers.configuration) for recorded_clip in clips for layers in recorded_clip.layers]
         clips = [under for recorded_clip in clips if (under := recorded_clip.under(configuration)).layers]
         if not clips:
             raise VfoaError(f"{run}: found no recording under {configuration!r}; {did_you_mean(configuration, known)}")

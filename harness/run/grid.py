@@ -150,3 +150,8 @@ def _with_seed(seeds: Mapping[str, int], choice: StageChoice) -> StageChoice:
 def base_of(name: str) -> str:
     """The name of the configuration that this one repeats under another seed; its own name otherwise."""
     return _SEED.sub("", name)
+
+
+def is_meant(configuration: str, name: str | None) -> bool:
+    """Whether a name is that of a configuration or of the one that it repeats under a seed; None is any."""
+    return name in (None, configuration, base_of(configuration))

@@ -9,9 +9,10 @@ from typing import Any
 
 from harness.clips.manifest import ClipManifest
 from harness.run.directory import RunDirectory
+from harness.run.grid import base_of, is_meant
 from harness.run.records import FrameRecord, renamed
 from harness.run.table_records import read_records
-from vfoa.errors import VfoaError, check_known
+from vfoa.errors import VfoaError, did_you_mean, listed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,11 +73,13 @@ def choose(names: list[str], wanted: str | None, run: Path) -> str:
     Raises
     ------
     VfoaError
-        If there is no such configuration, or there are several and none was chosen.
+        If there is no such configuration, or there are several: none was chosen, or a name of several seeds.
     """
-    if wanted is None and len(names) == 1:
-        return names[0]
-    if wanted is None:
-        raise VfoaError(f"{run}: has several configurations; choose one with --config: {', '.join(names)}")
-    check_known(wanted, names, f"{run}: no configuration")
-    return wanted
+    meant = [name for name in names if name == wanted] or [name for name in names if is_meant(name, wanted)]
+    if len(meant) > 1:
+        if wanted is None:
+            raise VfoaError(f"{run}: has several configurations; choose one with --config: {listed(meant)}")
+        raise VfoaError(f"{run}: {wanted!r} is of {len(meant)} seeds; expected one of {listed(meant)}")
+    if not meant:
+        raise VfoaError(f"{run}: no configuration {wanted!r}; {did_you_mean(str(wanted), map(base_of, names))}")
+    return meant[0]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from harness.files.io import write_together
 from harness.run.directory import Pair, RunDirectory
-from harness.run.grid import base_of
+from harness.run.grid import base_of, is_meant
 from harness.run.records import renamed
 from harness.run.table_records import TableReader
 from harness.score.calibration import reliabilities
@@ -139,8 +139,9 @@ class Wanted:
 
     def holds(self, verdict: Verdict) -> bool:
         """Whether a verdict is one of them."""
-        places = (self.clip, verdict.clip), (self.configuration, verdict.configuration), (self.subject, verdict.subject)
-        return all(wish in (None, found) for wish, found in (*places, (self.frame, verdict.frame)))
+        places = (self.clip, verdict.clip), (self.subject, verdict.subject), (self.frame, verdict.frame)
+        is_of_configuration = is_meant(verdict.configuration, self.configuration)
+        return is_of_configuration and all(wish in (None, found) for wish, found in places)
 
 
 def _add_failure(figures: Figures, shown: Sequence[_Shown], wanted: Wanted) -> None:

@@ -15,7 +15,7 @@ from harness.run.directory import RunDirectory
 from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import Verdict
-from tests.records import frame_record, score, subject_record, target_record, write_manifest
+from tests.records import answers, frame_record, labels, score, subject_record, target_record, write_manifest
 
 WRONG = {("b", "two"): {(7, "ann"), (3, "bob")}, ("b", "one"): {(1, "ann")}, ("a", "two"): {(9, "ann")}}
 PEOPLE = {"subjects": {"ann": {"category": "person"}, "bob": {"category": "person"}}}
@@ -63,6 +63,17 @@ def test_failures_are_the_wrong_frames_recording_by_recording_in_time():
     assert wrong_verdicts(SCORES, replace(of_ann, error_type="outscored")) == wrong_verdicts(SCORES, of_ann)
     assert wrong_verdicts(SCORES, replace(of_ann, error_type="missed")) == []
     assert wrong_verdicts(SCORES, Chosen(clip="a", configuration="one")) == []
+
+
+def test_the_failures_of_a_configuration_are_those_of_all_its_seeds():
+    said = {"a.seed1": ["cup", "book"], "a.seed2": ["cup", "cup"], "b.seed1": ["cup", "cup"]}
+    records = [record for name, names in said.items() for record in answers(names, configuration=name)]
+    scores = score(records, Reference(labels={"clip": labels("book", "book")}))
+    assert _places(wrong_verdicts(scores, Chosen(configuration="a"))) == [
+        ("clip", "a.seed1", 1),
+        ("clip", "a.seed2", 1),
+        ("clip", "a.seed2", 2),
+    ]
 
 
 @pytest.mark.parametrize(

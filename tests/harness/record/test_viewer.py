@@ -304,6 +304,26 @@ def test_recordings_are_found_by_clip_and_configuration(frames, tmp_path):
         find_recordings(run, None, None)
 
 
+def test_the_name_of_a_row_of_several_seeds_is_that_of_all_its_recordings(frames, tmp_path, monkeypatch, capsys):
+    """Tables have one row, `one`, for all seeds."""
+    run = write_run(tmp_path / "run", {"one.seed1": frames, "one.seed2": frames, "two.seed1": frames}).run
+    for asked, found in (("one", ["one.seed1", "one.seed2"]), ("one.seed2", ["one.seed2"])):
+        (clip,) = find_clips(run, "clip", asked)
+        assert [layer.configuration for layer in clip.layers] == found
+    view = ["view", str(run), "--clip", "clip", "--compare"]
+    for arguments, said in (
+        (["export-failure", str(run), "--config", "one", "--frame", "11"], "(clip, one.seed1), (clip, one.seed2)"),
+        ([*view, "one", "two"], "'one' is of 2 seeds; expected one of one.seed1, one.seed2"),
+        ([*view, "one.seed1", "owt"], "expected one of: one, two"),
+    ):
+        assert _vfoa(monkeypatch, *arguments) == 2
+        assert said in capsys.readouterr().err
+    shown = []
+    monkeypatch.setattr(viewer, "show", lambda recordings, frame: shown.append(recordings[0].name))
+    assert _vfoa(monkeypatch, *view, "one.seed2", "two") == 0
+    assert shown == ["clip__one.seed2__vs__two.seed1"]
+
+
 def test_the_layout_is_that_of_the_application_of_the_files(frames, tmp_path):
     clip = find_clips(write_run(tmp_path / "run", {"one": frames, "two": frames}).run, None, None)[0]
     for recording in (clip.compose(), clip.under("two").compose(), clip.compare("one", "two")):
