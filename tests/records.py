@@ -153,7 +153,7 @@ def write_clip(
     root: Path, name: str, targets: Sequence[str], notes: Sequence[str] = (), tags: Sequence[str] = ()
 ) -> dict[str, Any]:
     """Write a clip's manifest and its labels of frames 1, 2, ... of a girl; return its entry in a run's manifest."""
-    named = {"subjects.girl": "girl", **{f"targets.{target}": target for target in sorted({*targets} - {*RESERVED})}}
+    named = {"subjects.girl": "girl", **{f'targets."{target}"': target for target in sorted({*targets} - {*RESERVED})}}
     tables = "".join(f'[{table}]\ncategory = "{category}"\n' for table, category in named.items())
     rows = [*zip(targets, notes or [""] * len(targets), strict=True)]
     if tags:

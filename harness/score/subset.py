@@ -35,6 +35,8 @@ EXPECTED = (
     "clip, subject, target, tag or note with = or != (several: mug|book), or time (s), from_change (s), frame, "
     "distance (m) or target_distance (m) with <, <=, > or >="
 )
+_BAR = re.compile(r"(?<!\\)\|")
+"""Separates values; after a backslash it is part of one."""
 _BETWEEN = re.compile(r",(?=\s*(?:$|,|\w+\s*[!<>=]))")
 Distances = Mapping[tuple[str, int, str], tuple[float, float]]
 """Both distances by clip, frame and subject; NaN where one is not known."""
@@ -66,7 +68,8 @@ class Condition:
             raise VfoaError(f"--where: found {key!r} in {text!r}; {did_you_mean(key, (*WORDS, *NUMBERS))}")
         if (key in NUMBERS) != (sign in _SIGNS) or (key in NUMBERS and not re.fullmatch(r"-?\d+(\.\d+)?", value)):
             raise VfoaError(f"--where: found {text!r}; expected {EXPECTED}")
-        return cls(text=text.strip(), key=key, sign=sign, values=tuple(composed(value).split("|")))
+        values = tuple(part.strip().replace(r"\|", "|") for part in _BAR.split(composed(value)))
+        return cls(text=text.strip(), key=key, sign=sign, values=values)
 
     def holds(self, clip: str, subject: str, label: Label, numbers: Mapping[str, float]) -> bool:
         """Whether a labelled frame meets it; ``numbers`` are its values of :data:`NUMBERS`, NaN meets no condition.
@@ -191,6 +194,6 @@ def _check_names(labels: Mapping[str, Labels], conditions: Sequence[Condition]) 
     for condition in conditions:
         for value in condition.values if condition.key in known else ():
             if value not in known[condition.key]:
-                raise VfoaError(
-                    f"--where: {condition.key} {value!r}: no label has it; {did_you_mean(value, known[condition.key])}"
-                )
+                expected = did_you_mean(value, known[condition.key])
+                bar = r"; a | in a name is written \|" if any("|" in name for name in known[condition.key]) else ""
+                raise VfoaError(f"--where: {condition.key} {value!r}: no label has it; {expected}{bar}")

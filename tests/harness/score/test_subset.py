@@ -137,6 +137,17 @@ def test_frames_near_a_change_of_the_label_are_left_out(tmp_path: Path, conditio
     assert [verdict.frame for verdict in scores.verdicts if verdict.outcome != "unscored"] == frames
 
 
+def test_a_bar_in_a_name_is_written_with_a_backslash(tmp_path: Path) -> None:
+    """Without one, it separates names; blanks around it belong to none."""
+    clips = [write_clip(tmp_path, "a", ("cup|lid", "cup", "lid", "none"))]
+    directory = write_run(tmp_path / "run", answers(["cup"] * 4, clip="a"), clips=clips)
+    for text, count in (("target=cup\\|lid", 1), ("target=cup | lid", 2), ("target!=cup\\|lid|none", 2)):
+        (row, *_) = read_scores(directory, [Condition.parse(text)]).rows
+        assert row.n == count
+    with pytest.raises(VfoaError, match=r"target 'mug': .*none; a \| in a name is written \\\|"):
+        read_scores(directory, [Condition.parse("target=cup|mug")])
+
+
 def test_one_clip_of_several(run: Path) -> None:
     scores = read_scores(RunDirectory(run), [Condition.parse("clip!=a")])
     assert {row.clip for row in scores.rows} == {"b"}
