@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -35,11 +35,11 @@ from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze import TemporalGazeModel
 from vfoa.gaze.temporal import HeadWindow, with_gazes
-from vfoa.instance_tracking import InstanceTracker, Numbered
+from vfoa.instance_tracking import InstanceTracker
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.tracking import Tracked, Tracker
-from vfoa.types import Gaze, Percepts, Person, Scene, StereoFrame, Target
+from vfoa.types import Gaze, Percepts, Person, Scene, StereoFrame
 
 _Followed = TypeVar("_Followed")
 
@@ -85,20 +85,23 @@ def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[tuple[StereoFra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Group:
-    """The stages that some configurations have in common, and what each of these follows and names people with."""
+    """The stages that some configurations, by name, have in common."""
 
     stages: Stages
     person: tuple[str, ...]
     instances: InstanceTracker
     names: list[str] = field(default_factory=list)
-    depths: dict[str, DepthMemory] = field(default_factory=dict)
-    trackers: dict[str, Tracker] = field(default_factory=dict)
-    namers: dict[str, Namer] = field(default_factory=dict)
-    windows: dict[str, HeadWindow] = field(default_factory=dict)
 
 
-_Tracks = Mapping[Tracker, tuple[Tracked, float]]
-"""The tracks of a frame, and the seconds that following took."""
+class _Followers(NamedTuple):
+    """What a configuration follows and names people with; configurations share what they agree on."""
+
+    group: _Group
+    tracker: Tracker
+    depths: DepthMemory
+    namer: Namer
+    window: HeadWindow | None
+    eyes: EyeMemory
 
 
 class _GroupPercepts(NamedTuple):
@@ -116,8 +119,8 @@ class _GroupPercepts(NamedTuple):
         return values if len(values) == len(self.places) else tuple(values[place] for place in self.places)
 
 
-_Perceived = tuple[StereoFrame, float, Mapping[_Group, _GroupPercepts], _Tracks]
-"""A frame, the seconds that reading it took, its percepts, and its tracks."""
+_Perceived = tuple[StereoFrame, float, Mapping[_Group, _GroupPercepts], Memo]
+"""A frame, the seconds that reading it took, its percepts, and the steps of its trackers."""
 
 
 class Perception:
@@ -156,10 +159,9 @@ class Perception:
         self._stages: dict[str, StageRunner] = {}
         self._drawings: dict[DrawnSettings, StageRunner] = {}
         self._groups: dict[tuple[object, ...], _Group] = {}
-        self._group_of: dict[str, _Group] = {}
+        self._followers: dict[str, _Followers] = {}
         self._instances: dict[tuple[object, ...], InstanceTracker] = {}
         self._depths: dict[tuple[object, ...], DepthMemory] = {}
-        self._eyes = {configuration.name: EyeMemory() for configuration in configurations}
         self._trackers: dict[tuple[object, ...], Tracker] = {}
         self._namers: dict[tuple[object, ...], Namer] = {}
         self._windows: dict[tuple[object, ...], HeadWindow] = {}
@@ -205,8 +207,7 @@ class Perception:
 
     def _perceive(self, frame: StereoFrame, decode_s: float) -> _Perceived:
         perceived: dict[_Group, _GroupPercepts] = {}
-        numbered: dict[InstanceTracker, tuple[Numbered, float]] = {}
-        tracks: dict[Tracker, tuple[Tracked, float]] = {}
+        tracks = Memo()
         fed: set[HeadWindow] = set()
         self._memo.outputs = {}
         for group in self._groups.values():
@@ -218,19 +219,14 @@ class Perception:
                     percepts = self._memo.call("tracking", guarded, "tracking", join_people, found, group.person)
                     people = set(map(id, percepts.views))
                     places = tuple(place for place, view in enumerate(found.views) if id(view) in people)
-                    if group.instances not in numbered:
-                        numbered[group.instances] = _following(
-                            guarded, "tracking", group.instances.step, percepts.instances, frame.time_ns
-                        )
-                    instances, seconds = numbered[group.instances]
-                    self._memo.charge("tracking", seconds)
+                    step = "tracking", group.instances, guarded, "tracking", group.instances.step
+                    instances = self._memo.once(*step, percepts.instances, frame.time_ns)
                     perceived[group] = _GroupPercepts(instances.renumber(percepts), places, self._memo.timings)
                     for name in names:
-                        tracker, window = group.trackers[name], group.windows.get(name)
-                        if tracker not in tracks:
-                            tracks[tracker] = _following(_tracked, found, tracker)
+                        tracker, window = self._followers[name].tracker, self._followers[name].window
+                        tracked = tracks.once("tracking", tracker, _tracked, found, tracker)
                         if window and window not in fed:
-                            window.add(found, tracks[tracker][0].ids)
+                            window.add(found, tracked.ids)
                             fed.add(window)
         return frame, decode_s, perceived, tracks
 
@@ -239,23 +235,20 @@ class Perception:
         frame: StereoFrame,
         decode_s: float,
         perceived: Mapping[_Group, _GroupPercepts],
-        tracks: _Tracks,
+        memo: Memo,
     ) -> SharedFrame:
         """Place the objects and people in space and name them, for every configuration that has not failed."""
         results: dict[str, FollowedFrame | VfoaError] = {}
-        deep: dict[DepthMemory, tuple[tuple[Target, ...], float]] = {}
-        named: dict[Namer, tuple[FrameNames, float]] = {}
         gazes: dict[HeadWindow, tuple[tuple[Gaze | None, ...], float]] = {}
-        memo = Memo()
         for configuration in self._configurations:
             name = configuration.name
             if name in self._failed:
                 continue
             with self._isolated([name], frame.index):
-                group = self._group_of[name]
+                group, tracker, depths, namer, window, eyes = self._followers[name]
                 percepts, of_people = perceived[group].percepts, perceived[group].of_people
                 memo.timings = {"decode": decode_s, **perceived[group].timings}
-                if window := group.windows.get(name):
+                if window:
                     if window not in gazes:
                         self._memo.timings = {}
                         gazes[window] = window.gazes(frame.index), self._memo.timings.get("gaze", 0.0)
@@ -264,20 +257,14 @@ class Perception:
                 seen, settings = (percepts.disparity, percepts.instances, percepts.rig), configuration.reconstruction
                 place = ("reconstruction", guarded, "reconstruction")
                 targets = memo.call(*place, place_targets, *seen, settings)
-                if (depths := group.depths[name]) not in deep:
-                    deep[depths] = _following(guarded, "reconstruction", depths.step, targets, percepts)
-                targets, seconds = deep[depths]
-                memo.charge("reconstruction", seconds)
+                step = "reconstruction", depths, guarded, "reconstruction", depths.step
+                targets = memo.once(*step, targets, percepts)
                 scene = memo.call(*place, place_people, percepts, targets, settings)
-                tracked, seconds = tracks[group.trackers[name]]
-                memo.charge("tracking", seconds)
+                tracked = memo.once("tracking", tracker, _tracked, percepts, tracker)  # it took its step before
                 if (ids := of_people(tracked.ids)) is not tracked.ids:
                     tracked = replace(tracked, ids=ids)
-                people = self._eyes[name].step(scene.people, tracked.ids, percepts)
-                if (namer := group.namers[name]) not in named:
-                    named[namer] = _following(namer.step, scene, tracked)
-                names, seconds = named[namer]
-                memo.charge("tracking", seconds)
+                people = eyes.step(scene.people, tracked.ids, percepts)
+                names = memo.once("tracking", namer, namer.step, scene, tracked)
                 scene = replace(scene, people=people, names=names.targets)
                 if answers := self._answers.get(name):
                     scene, tracked, names = answers.complete(scene, tracked, names, percepts.instances.ids)
@@ -330,14 +317,15 @@ class Perception:
         found = (keys["stereo"], keys["segmentation"], keys["heads"], drawn, person)  # people are joined by depth
         instances = self._instances.setdefault(found, InstanceTracker())
         group = self._groups.setdefault((*keys.values(), drawn, person), _Group(stages, person, instances))
-        name = configuration.name
-        group.names.append(name)
-        group.trackers[name] = self._trackers.setdefault(seen, Tracker(configuration.attend.tracking))
-        group.depths[name] = self._depths.setdefault((*found, configuration.reconstruction), DepthMemory())
-        group.namers[name] = self._namers.setdefault(with_depth, Namer(*self._rules))
-        if temporal:
-            group.windows[name] = self._windows[with_gaze]
-        self._group_of[name] = group
+        group.names.append(configuration.name)
+        self._followers[configuration.name] = _Followers(
+            group=group,
+            tracker=self._trackers.setdefault(seen, Tracker(configuration.attend.tracking)),
+            depths=self._depths.setdefault((*found, configuration.reconstruction), DepthMemory()),
+            namer=self._namers.setdefault(with_depth, Namer(*self._rules)),
+            window=self._windows[with_gaze] if temporal else None,
+            eyes=EyeMemory(),
+        )
 
     def _stage(self, choice: StageChoice) -> StageRunner:
         slot = STAGES[choice.slot]
@@ -374,14 +362,6 @@ def number_step(clip: Clip) -> int:
 
 _FRAMES_OF_STEP = 200
 """Frames from whose numbers and times the step is found."""
-
-
-def _following(step: Callable[..., _Followed], *inputs: object) -> tuple[_Followed, float]:
-    """What a step that follows or names returns, and the seconds that it took."""
-    seconds: Timings = {}
-    with timed(seconds, "tracking"):
-        followed = step(*inputs)
-    return followed, seconds["tracking"]
 
 
 def _tracked(percepts: Percepts, tracker: Tracker) -> Tracked:

@@ -58,7 +58,15 @@ class Memo:
 
     def call(self, stage: str, function: Callable[..., T], *inputs: object) -> T:
         """Return ``function(*inputs)``, computed once; its seconds are charged to ``stage`` each time."""
-        key = self.key(function, inputs)
+        return self._computed(stage, self.key(function, inputs), function, inputs)
+
+    def once(self, stage: str, owner: object, function: Callable[..., T], *inputs: object) -> T:
+        """As :meth:`call`, for something that takes one step in a frame, whatever the later inputs are: a tracker."""
+        return self._computed(stage, (owner,), function, inputs)
+
+    def _computed(
+        self, stage: str, key: tuple[object, ...], function: Callable[..., T], inputs: tuple[object, ...]
+    ) -> T:
         if key not in self.outputs:
             started = time.perf_counter()
             self.outputs[key] = function(*inputs), time.perf_counter() - started, inputs
