@@ -1,5 +1,8 @@
 """Labels in tiers: a tier for each subject, in it an annotation for each range, whose value is the target.
 
+People also give each target a tier, whose annotations have no value. The user names such a tier ``SUBJECT:TARGET``
+(``--rename host=girl:cup``).
+
 Notes, image points, tags and suggestions are in tiers of their own beside a subject's (``girl:note``,
 ``girl:point_px``, ``girl:tag``, ``girl:state``), in annotations of the same times.
 """
@@ -15,7 +18,7 @@ from harness.labels.labels import Label
 from harness.labels.rows import SUGGESTED, parse_point, parse_tags
 from vfoa.errors import VfoaError, check_known, counted
 
-NOTE, POINT, TAG, STATE = ":note", ":point_px", ":tag", ":state"
+_EXTRAS = NOTE, POINT, TAG, STATE = ":note", ":point_px", ":tag", ":state"
 """What follows a subject's name in the names of the tiers beside it."""
 
 _FARTHEST_MS = 2**53
@@ -32,7 +35,7 @@ Codes = Mapping[str, str]
 def from_tiers(
     sizes: Mapping[str, int], read: Read, exchange: Exchange, path: Path, *, origin_ms: int = 0, kind: str = "tier"
 ) -> Imported:
-    """Return the labels of the tiers named after subjects; others are left out, with a note.
+    """Return the labels of the tiers named after subjects, or after one's looks at a target; note those left out.
 
     Parameters
     ----------
@@ -48,31 +51,53 @@ def from_tiers(
     VfoaError
         If no tier is a subject's, or an annotation has no time in a film, or is no label.
     """
-    names = {tier: exchange.names.translate(tier) for tier in sizes}
-    tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
-    if not tiers:
+    looks = {tier: found for tier in sizes if (found := _looks(exchange.names.translate(tier), exchange))}
+    if not looks:
         present = ", ".join(map(repr, sizes)) or "none"
         raise VfoaError(
-            f"{path}: no {kind} is named after a subject; found {present}; "
-            f"expected {', '.join(map(repr, exchange.subjects))} (--rename {kind.upper()}=OURS)"
+            f"{path}: no {kind} is named after a subject; found {present}; expected "
+            f"{', '.join(map(repr, exchange.subjects))} (--rename {kind.upper()}=OURS; of looks at one target: "
+            f"--rename {kind.upper()}=OURS:TARGET)"
         )
 
-    held = {tier: read(tier) for tier in tiers}
+    held = {tier: read(tier) for tier in looks}
     spans = [
         span
-        for tier, subject in tiers.items()
-        for span in _spans(held[tier], tier, subject, read, exchange, f"{path}: {kind} {tier!r}", origin_ms)
+        for tier, (subject, target) in looks.items()
+        for span in _spans(
+            [(start, end, target or value) for start, end, value in held[tier]],
+            *(tier, subject, read, exchange, f"{path}: {kind} {tier!r}", origin_ms),
+        )
     ]
     imported = from_spans(spans, exchange, path)
     notes = [
-        f"{path}: {kind} {tier!r}: left out: {counted(empty, 'annotation')} without a value."
-        for tier, annotations in held.items()
-        if (empty := sum(not value for *_, value in annotations))
+        f"{path}: {kind} {tier!r}: {note}"
+        for tier, (_, target) in looks.items()
+        if (note := _unread(held[tier], target, f"--rename {tier}=SUBJECT:TARGET"))
     ]
-    extras = {f"{tier}{suffix}" for tier in tiers for suffix in (NOTE, POINT, TAG, STATE)}
-    others = (tier for tier, size in sizes.items() if size and tier not in tiers and tier not in extras)
+    extras = {f"{tier}{suffix}" for tier in looks for suffix in _EXTRAS}
+    others = (tier for tier, size in sizes.items() if size and tier not in looks and tier not in extras)
     notes += [f"{path}: {kind} {tier!r} belongs to no subject and is left out." for tier in others]
     return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
+
+
+def _looks(name: str, exchange: Exchange) -> tuple[str, str] | None:
+    """The subject of a tier by our name for it, and the target of all its looks, "" if their values are the targets."""
+    if name in exchange.subjects:
+        return name, ""
+    subject, _, target = name.partition(":")
+    return (subject, target) if target and subject in exchange.subjects and f":{target}" not in _EXTRAS else None
+
+
+def _unread(annotations: Sequence[Annotation], target: str, option: str) -> str:
+    """What of a tier is not read: annotations without a value, or the values of looks at one target; "" if nothing."""
+    valued = sum(bool(value) for *_, value in annotations)
+    if target:
+        return f"not read: the values of {counted(valued, 'look')} at {target!r}." if valued else ""
+    if not (empty := len(annotations) - valued):
+        return ""
+    hint = "" if valued else f"; if all are looks at one target: {option}"
+    return f"left out: {counted(empty, 'annotation')} without a value{hint}."
 
 
 def _spans(
@@ -85,7 +110,7 @@ def _spans(
     origin_ms: int,
 ) -> Iterator[Span]:
     notes, points, tags, states = (
-        {(start, end): value for start, end, value in read(tier + suffix)} for suffix in (NOTE, POINT, TAG, STATE)
+        {(start, end): value for start, end, value in read(tier + suffix)} for suffix in _EXTRAS
     )
     for start, end, value in annotations:
         if max(abs(start), abs(end)) > _FARTHEST_MS:

@@ -106,6 +106,23 @@ def test_a_rename_holds_for_one_subject_or_tier(tmp_path: Path) -> None:
     assert Elan().read(path, exchange(renamed=subjects)).labels == imported.labels
 
 
+def test_a_tier_may_be_of_one_person_s_looks_at_one_target(tmp_path: Path) -> None:
+    """As people export eye contact from ELAN: tiers named after what is looked at, of annotations without a value."""
+    path = write_text(tmp_path / "a.txt", "host\t\t0.0\t0.08\t\nhost\t\t0.2\t0.24\t\ncamera\t\t0.08\t0.2\twide\n")
+    renamed = {"host": "girl:boy", "camera": "girl:cup"}
+    imported = Elan().read(path, exchange(renamed=renamed))
+    assert imported.labels.ranges == (row(1, 2, "boy"), row(3, 5, "cup"), row(6, 6, "boy"))
+    assert imported.notes == (f"{path}: tier 'camera': not read: the values of 1 look at 'cup'.",)
+    (note, _) = Elan().read(path, exchange(renamed={"host": "girl"})).notes
+    assert note.endswith(
+        "left out: 2 annotations without a value; if all are looks at one target: --rename host=SUBJECT:TARGET."
+    )
+    with pytest.raises(VfoaError, match=r"found 'host', 'camera'; .*--rename TIER=OURS:TARGET"):
+        Elan().read(path, exchange())
+    with pytest.raises(VfoaError, match=r"tier 'host', 0\.000 to 0\.080 s: unknown target 'pub'"):
+        Elan().read(path, exchange(renamed={"host": "girl:pub"}))
+
+
 @pytest.mark.parametrize(
     ("gaps", "filled"), [("ignore", row(3, 5, "ignore", note="not labelled yet")), ("none", row(3, 5, "none"))]
 )
@@ -307,7 +324,7 @@ def test_a_document_that_elan_saved_is_read(tier: str, frames: tuple[int, ...], 
 def test_annotations_without_a_value_that_elan_saved_are_counted() -> None:
     imported = Elan().read(ELAN_2_8, exchange(offset=8.0, renamed={"words-pos": "girl"}))
     assert imported.labels.ranges == ()
-    assert f"{ELAN_2_8}: tier 'words-pos': left out: 2 annotations without a value." in imported.notes
+    assert f"{ELAN_2_8}: tier 'words-pos': left out: 2 annotations without a value" in imported.notes[0]
 
 
 TEXT_ROWS = (("girl", 30, 130, "bird"), ("camera", 0, 240, "pan"), ("girl", 130, 200, "none"), ("boy", 0, 40, "girl"))
