@@ -89,7 +89,8 @@ class Composed:
 
         frames = self.frames or RecordingFile(self.files[0]).frames()
         if frame not in frames:
-            known = f"{min(frames)} to {max(frames)}" if frames else "(none)"
+            nearest = sorted(sorted(frames, key=lambda each: abs(each - frame))[:2])
+            known = f"{min(frames)} to {max(frames)}, such as {' or '.join(map(str, nearest))}" if frames else "(none)"
             raise VfoaError(f"{self.files[0]}: found no frame {frame}; expected one of {known}")
 
 

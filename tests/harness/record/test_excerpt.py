@@ -67,7 +67,7 @@ def test_an_excerpt_of_jpeg_pictures_has_those_of_its_frames(frames, record_run,
 
 def test_a_frame_that_is_not_there_is_refused(frames, record_run, tmp_path):
     clip = _clip(record_run(frames))
-    with pytest.raises(VfoaError, match="no frame 12; expected one of 10 to 14"):
+    with pytest.raises(VfoaError, match="no frame 12; expected one of 10 to 14, such as 11 or 13"):
         write_excerpt(clip, None, 12, 1, tmp_path / "excerpt.rrd")
     with pytest.raises(VfoaError, match="--margin"):
         write_excerpt(clip, None, 13, -1, tmp_path / "excerpt.rrd")

@@ -339,11 +339,11 @@ def test_the_layout_is_that_of_the_application_of_the_files(frames, tmp_path):
 def test_a_frame_that_the_clip_does_not_have_is_refused(frames, tmp_path):
     (recording,) = find_recordings(write_run(tmp_path / "run", {"one": frames}).run, None, None)
     recording.expect_frame(13)
-    with pytest.raises(VfoaError, match=r"clip\.rrd: found no frame 12.*10 to 14"):
+    with pytest.raises(VfoaError, match=r"clip\.rrd: found no frame 12.*10 to 14, such as 11 or 13"):
         recording.expect_frame(12)
     (alone,) = find_recordings(recording.files[-1], None, None)
     alone.expect_frame(13)
-    with pytest.raises(VfoaError, match=r"clip__one.verdicts\.rrd: found no frame 12.*10 to 14"):
+    with pytest.raises(VfoaError, match=r"clip__one.verdicts\.rrd: found no frame 12.*10 to 14, such as 11 or 13"):
         alone.expect_frame(12)
 
 
