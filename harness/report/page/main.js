@@ -29,10 +29,11 @@ function wrongFrames(fold) {
       links: { 0: (k) => `#${new URLSearchParams({ clip, config: found[k][0].name, subject: track.subject, frame: found[k][1] })}` },
     }));
   };
-  let last = null;
+  let last = [];
   onSelection(() => {
-    if (shown.track !== last) fill();
-    last = shown.track;
+    const now = [shown.track, shown.lane?.oracle ? shown.lane : null];
+    if (now.some((each, k) => each !== last[k])) fill();
+    last = now;
   });
   fold.addEventListener("toggle", fill);
 }

@@ -7,11 +7,14 @@ import { packedJson } from "./packs.js";
 const PAGE = 50;
 const amount = (cell) => Number.parseFloat(cell.replace("<", "").replace("−", "-"));
 
-function compared(a, b, words) {
-  if (words) return a.localeCompare(b, undefined, { numeric: true });
+const isUnknown = (cell) => ["–", ""].includes(cell);
+
+// What is unknown is last in both orders.
+function compared(a, b, words, falls) {
+  if (isUnknown(a) || isUnknown(b)) return isUnknown(a) - isUnknown(b);
   const [first, second] = [amount(a), amount(b)];
-  if (Number.isNaN(first) || Number.isNaN(second)) return Number.isNaN(first) - Number.isNaN(second) || a.localeCompare(b);
-  return first - second;
+  const areWords = words || Number.isNaN(first) || Number.isNaN(second);
+  return (falls ? -1 : 1) * (areWords ? a.localeCompare(b, undefined, { numeric: true }) : first - second);
 }
 
 /** A table. `links` are functions by column, from the number of a row to the address that its cell leads to, or none. */
@@ -31,7 +34,7 @@ export function tableOf({ title, columns, words, rows, notes = [], links = {} })
   });
   const chosen = () => {
     const found = rows.map((row, i) => [row, i]).filter(([row]) => !filter || row.slice(0, words).some((cell) => cell.toLowerCase().includes(filter)));
-    if (order !== null) found.sort(([a], [b]) => (falls ? -1 : 1) * compared(a[order], b[order], order < words));
+    if (order !== null) found.sort(([a], [b]) => compared(a[order], b[order], order < words, falls));
     return found;
   };
   const where = element("span", { class: "small", role: "status" });

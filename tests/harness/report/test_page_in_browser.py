@@ -524,6 +524,19 @@ def test_tables_are_sorted_and_filtered(report: ReportPage, small: Path) -> None
     report.box("Frame 4 – wrong")
 
 
+def test_what_is_unknown_is_last_in_both_orders(report: ReportPage, tmp_path: Path) -> None:
+    said = {"one": ("cup", "dragon", "none")}
+    report.open(_write(tmp_path, said, clip=("cup", "cup", "none"), other=["none"] * 3))
+    table = "details[data-table='0']"
+    report.js("document.querySelector('details[data-table=\"0\"]').open = true")
+    (head,) = report.wait(lambda: report.find(table).find_elements("xpath", ".//th[.='Targets %']/button"))
+    for falls in (True, False):
+        report.click(head)
+        place = report.js("return arguments[0].parentElement.cellIndex", head)
+        shown = [each.text for each in report.all(f"{table} tbody tr td:nth-of-type({place})")]
+        assert (shown, falls) == (["50.0", "50.0", "–"], falls)
+
+
 def test_a_wrong_frame_shows_its_picture_with_truth_and_answer_marked(page: ReportPage) -> None:
     page.press("n")
     page.box("Frame 2 – wrong")
@@ -695,6 +708,16 @@ def test_the_oracle_ablation_is_a_waterfall(report: ReportPage, tmp_path: Path) 
         "as run: FRR 50.0 %",
         "+ true gaze: FRR 75.0 %, +25.0 points",
     ]
+
+
+def test_the_wrong_frames_of_an_oracle_step_are_listed_while_it_is_shown(report: ReportPage, tmp_path: Path) -> None:
+    said = {"one": ("cup", "dragon"), "one+gaze": ("dragon", "cup")}
+    report.open(_write(tmp_path, said, clip=["cup"] * 2))
+    report.js("document.getElementById('wrong-frames').open = true")
+    for name, frames in (("one", ["2"]), ("one+gaze", ["2", "1"]), ("one", ["2"])):
+        report.js("location.hash = arguments[0]", f"clip=clip&config={name.replace('+', '%2B')}&subject=girl&frame=1")
+        report.wait_for_place(name, "clip", "girl", 1)
+        report.wait(lambda frames=frames: [each.text for each in report.all("#wrong-frames tbody a")] == frames)
 
 
 def test_n_and_p_work_after_a_click_on_the_box_of_oracle_steps(report: ReportPage, tmp_path: Path) -> None:
