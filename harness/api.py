@@ -26,6 +26,7 @@ from harness.run.table_files import make_table, read_table
 from harness.run.tables import TABLES
 from harness.run.timings import read_timings
 from harness.score.compared_runs import compare_runs as _compare_runs
+from harness.score.finished_run import FinishedRun
 from vfoa.errors import VfoaError
 from vfoa.types import StereoRig
 
@@ -69,9 +70,7 @@ class RunResults:
 
     def __init__(self, path: str | Path) -> None:
         self.directory = RunDirectory(local_folder(path, "load_run:"))
-        self._manifest = self.directory.read_manifest()
-        if not self._manifest.finished:
-            raise VfoaError(f"{path}: this run is not finished; repeat the same `vfoa run` to continue it")
+        self._manifest = FinishedRun.read(self.directory).manifest
 
     def __repr__(self) -> str:
         return f"RunResults({str(self.path)!r})"

@@ -139,11 +139,8 @@ class RecordedClip:
             files=tuple(dict.fromkeys(file for layer in self.layers for file in self.files.of(layer))),
             clip=self.files.clip,
             frames=self.frames,
-            make_layout=lambda subject: make_layout(self.layers, self._shown(), self.subjects, subject),
+            make_layout=lambda subject: make_layout(self.layers, _content([self]), self.subjects, subject),
         )
-
-    def _shown(self) -> ClipContent:
-        return _content([self])
 
 
 def common_layout(clips: Sequence[RecordedClip]) -> rrb.Blueprint:

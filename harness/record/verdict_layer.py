@@ -30,7 +30,7 @@ from harness.run.manifest import AnswerTraits
 from harness.run.records import renamed
 from harness.run.table_columns import ColumnReader
 from harness.run.table_records import Block, TableReader
-from harness.score import picks, verdict_columns
+from harness.score import baselines, verdict_columns
 from harness.score import verdicts as scored
 from harness.score.verdict_columns import PairVerdicts, judge_columns
 from harness.score.verdicts import ERROR_TYPES, Verdict
@@ -104,7 +104,7 @@ def _ids(attention: Path, run_id: str | None, clip: str) -> RecordingIds:
 @cache
 def _code() -> str:
     """Digest of the code that writes the layer, without its imports: hashing these takes longer than a small layer."""
-    modules = (verdict_content, entities, frame_log, layer_file, appearance, scored, verdict_columns, picks)
+    modules = (verdict_content, entities, frame_log, layer_file, appearance, scored, verdict_columns, baselines)
     files = [Path(__file__), *(Path(str(module.__file__)) for module in modules)]
     return digest_files((file.name, file) for file in files)
 

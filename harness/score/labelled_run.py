@@ -20,8 +20,8 @@ from harness.run.executors import Bar, Executor, InProcess, Progress, no_bar
 from harness.run.grid import base_of
 from harness.run.table_files import count_frames, find_tables
 from harness.run.table_scenes import NoCloudsError, SceneFrame, read_scenes
+from harness.score.baselines import picks_of, view_of
 from harness.score.finished_run import FinishedRun, how_to_label
-from harness.score.picks import picks_of, view_of
 from harness.score.reference import Reference
 from harness.score.score import pair_verdicts
 from harness.score.verdict_columns import LabelColumns, SubjectVerdicts, hits_of, named_by

@@ -14,8 +14,8 @@ import numpy as np
 from harness.files.safe_names import composed
 from harness.labels.labels import Label, LabelRange, Labels, ranges_of
 from harness.run.columns import UNKNOWN, PairColumns
+from harness.score.baselines import view_of
 from harness.score.looks import seconds_from_change
-from harness.score.picks import view_of
 from harness.score.verdict_columns import LabelColumns, named_by
 from vfoa.errors import VfoaError, did_you_mean
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from harness.labels.labels import IGNORED, NOWHERE, LabelRange, Labels
 from harness.run.columns import NO_ID, UNKNOWN, PairColumns, SceneColumns, Words
 from harness.run.manifest import AnswerTraits
-from harness.score.picks import View, picks_of, view_of
+from harness.score.baselines import View, picks_of, view_of
 from harness.score.verdicts import (
     ANOTHER,
     NO_HIT,

@@ -195,7 +195,7 @@ def test_layers_have_the_names_of_their_files(run: Path) -> None:
 @needs_datafusion
 def test_the_command_prints_three_lines_of_python_and_ends_with_ctrl_c(tmp_path: Path) -> None:
     run = write_run(tmp_path / "run", {"two cones": four_frames()}).run
-    command = [sys.executable, "-m", "harness.cli", "catalog", str(run)]
+    command = [sys.executable, "-m", "harness", "catalog", str(run)]
     process = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
