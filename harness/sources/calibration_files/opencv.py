@@ -79,6 +79,7 @@ _ROLES = {
 
 _NUMBERED = re.compile(rf"({'|'.join(name for names in _OF_A_CAMERA.values() for name in names)})([012])")
 """The plain name of a matrix with the number of its camera."""
+_XI = re.compile(r"(?:left|right)?(?:camera)?xi(?:[012lr]|left|right)?")
 _SIZES = {
     "width": ("width", "imagewidth", "imagesizewidth", "imgwidth", "framewidth", "resolutionwidth"),
     "height": ("height", "imageheight", "imagesizeheight", "imgheight", "frameheight", "resolutionheight"),
@@ -131,6 +132,7 @@ def _unit_m(document: Document, cameras: Cameras, where: str) -> float:
 def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
     """The pair of :func:`opencv_pair` in the file's own unit."""
     document = _numbered_from_1(dict(_one_level(document)), where)
+    _check_model(document, where)
     read = _opencv_matrices(document, where)
     unset = [name for name, matrix in read.items() if not matrix.any() and (name in _RECTIFICATION or not matrix.size)]
     matrices = {name: matrix for name, matrix in read.items() if name not in unset}
@@ -192,6 +194,7 @@ def opencv_camera(document: Document, size_px: tuple[int, int], where: str) -> R
     VfoaError
         If the matrix or the coefficients occur under two names or have a wrong shape.
     """
+    _check_model(document, where)
     read = {role: [name for name in document if _plain(name) in _OF_A_CAMERA[role]] for role in "KD"}
     for role, names in read.items():
         if len(names) > 1:
@@ -203,6 +206,15 @@ def opencv_camera(document: Document, size_px: tuple[int, int], where: str) -> R
     size = image_size(document, k, where) or size_px
     model: Model = "equidistant" if says_fisheye(document) else "plumb_bob"
     return RawCamera(size_px=size, k=k, d=values.get("D", np.zeros(0)), model=model)
+
+
+def _check_model(document: Document, where: str) -> None:
+    """Raise a :class:`VfoaError` for a camera of cv2.omnidir, whose K and D have the names of others."""
+    if name := next((name for name in document if _XI.fullmatch(_plain(name))), None):
+        raise VfoaError(
+            f"{where}: {name}: found a camera of cv2.omnidir, whose model is not read; expected one of "
+            "cv2.stereoCalibrate or cv2.fisheye: calibrate again with one of these"
+        )
 
 
 def is_distortion(name: object) -> bool:

@@ -1041,6 +1041,8 @@ def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
         ("c.yml", "K1: [1, x]", r": K1: found \[1, 'x'\]"),
         ("c.yml", "K1: !!opencv-matrix [1, 2]", ":1: not YAML: .*opencv-matrix"),
         ("c.yml", "K1: [1]\nM1: [1]", ": K1 and M1 both are K1"),
+        ("c.yml", "K1: [1]\nD1: [1]\nxi1: [2.5]", r": xi1: found a camera of cv2\.omnidir"),
+        ("c.json", '{"left": {"K": [1], "xi": 2.5}}', r": left_xi: found a camera of cv2\.omnidir"),
         (
             "c.xml",
             '<s><K1 type_id="opencv-matrix"><rows>3</rows><cols>3</cols><data>1 2</data></K1></s>',
