@@ -20,7 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from threading import Lock
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import cv2
 import numpy as np
@@ -41,6 +41,7 @@ SGBM_MODES = {
 NO_LIMIT = 1_000_000
 Gray = NDArray[np.uint8]
 Sixteenths = NDArray[np.int16]
+OfMatcher = TypeVar("OfMatcher", bound=BlockMatcherSettings | SemiGlobalMatcherSettings)
 
 SIXTEENTHS = 16
 """OpenCV's matchers return int16 disparities in sixteenths of a pixel."""
@@ -50,23 +51,23 @@ PARTS = 2
 """OpenCV divides the image among its threads, and pixels beside a division differ by a sixteenth: it is always two."""
 
 
-class _Matcher(ABC):
+class _Matcher(ABC, Generic[OfMatcher]):
     """The steps of both matchers. Subclasses build OpenCV's object, which is kept until the rig changes."""
 
     discontinuity_blocks: ClassVar[float]
 
-    def __init__(self, settings: BlockMatcherSettings | SemiGlobalMatcherSettings) -> None:
-        self._common = settings
+    def __init__(self, settings: OfMatcher) -> None:
+        self._settings = settings
         self._factor = 2 if settings.resolution == "half" else 1
         self._rig: StereoRig | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle only the settings: OpenCV's objects cannot be pickled and are built again for the first frame."""
-        return type(self), (self._common,)
+        return type(self), (self._settings,)
 
     @abstractmethod
     def _create(self, disparities: DisparityRange) -> Any:
-        """Return OpenCV's matcher of the left view."""
+        """Return OpenCV's matcher of the left view, without the checks of a pixel's match."""
 
     def match(self, frame: StereoFrame) -> Disparity:
         """Match one pair (see :class:`vfoa.stereo.StereoMatcher`).
@@ -77,7 +78,7 @@ class _Matcher(ABC):
 
     def match_region(self, frame: StereoFrame, region: Region) -> Disparity:
         """Match a region, and a margin, of one pair (see :class:`vfoa.stereo.RegionMatcher`)."""
-        return self._match_if_there_is_room(frame, region.grown(self._common.region_margin_px, whole(frame.rig)))
+        return self._match_if_there_is_room(frame, region.grown(self._settings.region_margin_px, whole(frame.rig)))
 
     def _match_if_there_is_room(self, frame: StereoFrame, region: Region) -> Disparity:
         try:
@@ -101,7 +102,7 @@ class _Matcher(ABC):
         matched = region.shrunk(self._factor)
         # the WLS filter compares both views in this region
         reached = self._pair.reached(matched, whole(frame.rig).shrunk(self._factor))
-        if self._common.wls:
+        if self._settings.wls:
             guide = cut(frame.left, reached.times(self._factor))
             sixteenths, confidence = self._wls.filter(*self._pair.both(left, right, matched, reached), guide)
         else:
@@ -113,15 +114,20 @@ class _Matcher(ABC):
         known &= (columns_right >= 0) & (columns_right <= frame.rig.width_px - 1)
         if confidence is not None:
             confidence = cropped(confidence, origin, region)
-            known &= confidence >= self._common.min_confidence
+            known &= confidence >= self._settings.min_confidence
         np.copyto(disparity, np.nan, where=~known)
         return in_frame(disparity, confidence, region, frame.rig)
 
     def _prepare(self, rig: StereoRig) -> None:
-        settings = self._common
+        settings = self._settings
         self._range = disparity_range(rig, settings.min_depth_m)
         searched = self._range.shrunk(self._factor)
         left = self._create(searched)
+        left.setUniquenessRatio(0 if settings.wls else settings.uniqueness_percent)
+        if not settings.wls:
+            left.setDisp12MaxDiff(settings.left_right_px)
+            left.setSpeckleWindowSize(settings.speckle_size_px)
+            left.setSpeckleRange(settings.speckle_range_px)
         self._pair = PairMatcher(
             left_matcher=left,
             right_matcher=cv2.ximgproc.createRightMatcher(left),
@@ -137,63 +143,40 @@ class _Matcher(ABC):
         self._rig = rig
 
 
-class BlockMatcher(_Matcher):
+class BlockMatcher(_Matcher[BlockMatcherSettings]):
     """Block matching (``"bm"``): OpenCV's StereoBM, after Konolige 1998."""
 
     Settings = BlockMatcherSettings
     discontinuity_blocks = 0.33
-
-    def __init__(self, settings: BlockMatcherSettings) -> None:
-        super().__init__(settings)
-        self._settings = settings
 
     def _create(self, disparities: DisparityRange) -> Any:
         settings = self._settings
         matcher = cv2.StereoBM.create(disparities.count, settings.block_size_px)
         matcher.setMinDisparity(disparities.first_px)
         matcher.setPreFilterCap(settings.pre_filter_cap)
-        if settings.wls:
-            matcher.setTextureThreshold(0)
-            matcher.setUniquenessRatio(0)
-        else:
-            matcher.setTextureThreshold(settings.texture_threshold)
-            matcher.setUniquenessRatio(settings.uniqueness_percent)
-            matcher.setDisp12MaxDiff(settings.left_right_px)
-            matcher.setSpeckleWindowSize(settings.speckle_size_px)
-            matcher.setSpeckleRange(settings.speckle_range_px)
+        matcher.setTextureThreshold(0 if settings.wls else settings.texture_threshold)
         return matcher
 
 
-class SemiGlobalMatcher(_Matcher):
+class SemiGlobalMatcher(_Matcher[SemiGlobalMatcherSettings]):
     """Semi-global matching (``"sgbm"``): OpenCV's StereoSGBM, after Hirschmüller 2008, on gray images."""
 
     Settings = SemiGlobalMatcherSettings
     discontinuity_blocks = 0.5
 
-    def __init__(self, settings: SemiGlobalMatcherSettings) -> None:
-        super().__init__(settings)
-        self._settings = settings
-
     def _create(self, disparities: DisparityRange) -> Any:
         settings = self._settings
         area = settings.block_size_px**2
-        matcher = cv2.StereoSGBM.create(
+        return cv2.StereoSGBM.create(
             minDisparity=disparities.first_px,
             numDisparities=disparities.count,
             blockSize=settings.block_size_px,
             P1=settings.p1 * area,
             P2=settings.p2 * area,
+            disp12MaxDiff=NO_LIMIT,
             preFilterCap=settings.pre_filter_cap,
             mode=SGBM_MODES[settings.mode],
         )
-        if settings.wls:
-            matcher.setDisp12MaxDiff(NO_LIMIT)
-        else:
-            matcher.setUniquenessRatio(settings.uniqueness_percent)
-            matcher.setDisp12MaxDiff(settings.left_right_px)
-            matcher.setSpeckleWindowSize(settings.speckle_size_px)
-            matcher.setSpeckleRange(settings.speckle_range_px)
-        return matcher
 
 
 # The range of disparities
