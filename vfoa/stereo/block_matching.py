@@ -41,7 +41,7 @@ SGBM_MODES = {
 NO_LIMIT = 1_000_000
 Gray = NDArray[np.uint8]
 Sixteenths = NDArray[np.int16]
-OfMatcher = TypeVar("OfMatcher", bound=BlockMatcherSettings | SemiGlobalMatcherSettings)
+MatcherSettings = TypeVar("MatcherSettings", bound=BlockMatcherSettings | SemiGlobalMatcherSettings)
 
 SIXTEENTHS = 16
 """OpenCV's matchers return int16 disparities in sixteenths of a pixel."""
@@ -51,12 +51,12 @@ PARTS = 2
 """OpenCV divides the image among its threads, and pixels beside a division differ by a sixteenth: it is always two."""
 
 
-class _Matcher(ABC, Generic[OfMatcher]):
+class _Matcher(ABC, Generic[MatcherSettings]):
     """The steps of both matchers. Subclasses build OpenCV's object, which is kept until the rig changes."""
 
     discontinuity_blocks: ClassVar[float]
 
-    def __init__(self, settings: OfMatcher) -> None:
+    def __init__(self, settings: MatcherSettings) -> None:
         self._settings = settings
         self._factor = 2 if settings.resolution == "half" else 1
         self._rig: StereoRig | None = None
@@ -66,8 +66,18 @@ class _Matcher(ABC, Generic[OfMatcher]):
         return type(self), (self._settings,)
 
     @abstractmethod
+    def _build(self, disparities: DisparityRange) -> Any:
+        """Return OpenCV's matcher of the left view, with the settings of this method alone."""
+
     def _create(self, disparities: DisparityRange) -> Any:
-        """Return OpenCV's matcher of the left view, without the checks of a pixel's match."""
+        """Return OpenCV's matcher of the left view."""
+        settings, matcher = self._settings, self._build(disparities)
+        matcher.setUniquenessRatio(0 if settings.wls else settings.uniqueness_percent)
+        if not settings.wls:
+            matcher.setDisp12MaxDiff(settings.left_right_px)
+            matcher.setSpeckleWindowSize(settings.speckle_size_px)
+            matcher.setSpeckleRange(settings.speckle_range_px)
+        return matcher
 
     def match(self, frame: StereoFrame) -> Disparity:
         """Match one pair (see :class:`vfoa.stereo.StereoMatcher`).
@@ -123,11 +133,6 @@ class _Matcher(ABC, Generic[OfMatcher]):
         self._range = disparity_range(rig, settings.min_depth_m)
         searched = self._range.shrunk(self._factor)
         left = self._create(searched)
-        left.setUniquenessRatio(0 if settings.wls else settings.uniqueness_percent)
-        if not settings.wls:
-            left.setDisp12MaxDiff(settings.left_right_px)
-            left.setSpeckleWindowSize(settings.speckle_size_px)
-            left.setSpeckleRange(settings.speckle_range_px)
         self._pair = PairMatcher(
             left_matcher=left,
             right_matcher=cv2.ximgproc.createRightMatcher(left),
@@ -149,7 +154,7 @@ class BlockMatcher(_Matcher[BlockMatcherSettings]):
     Settings = BlockMatcherSettings
     discontinuity_blocks = 0.33
 
-    def _create(self, disparities: DisparityRange) -> Any:
+    def _build(self, disparities: DisparityRange) -> Any:
         settings = self._settings
         matcher = cv2.StereoBM.create(disparities.count, settings.block_size_px)
         matcher.setMinDisparity(disparities.first_px)
@@ -164,7 +169,7 @@ class SemiGlobalMatcher(_Matcher[SemiGlobalMatcherSettings]):
     Settings = SemiGlobalMatcherSettings
     discontinuity_blocks = 0.5
 
-    def _create(self, disparities: DisparityRange) -> Any:
+    def _build(self, disparities: DisparityRange) -> Any:
         settings = self._settings
         area = settings.block_size_px**2
         return cv2.StereoSGBM.create(
