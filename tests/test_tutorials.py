@@ -50,7 +50,7 @@ def test_the_demo_prints_one_screen_that_ends_with_the_next_commands(demo: tuple
     assert len(lines) <= 30
     assert max(map(len, lines)) <= 80
     assert [f" {name} " for name in CONFIGURATIONS if demo[1].count(f" {name} ") != 1] == []
-    assert "Best of 6: " in demo[1]
+    assert "Best of 6" in demo[1]
     assert lines[-2:] == [
         "Report (all tables: frr.md): runs/demo/report.html",
         "Scrub a failure: vfoa view runs/demo --failures",

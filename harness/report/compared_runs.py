@@ -8,6 +8,7 @@ from dataclasses import replace
 from harness.files.groups import grouped
 from harness.report.comparisons import run_in_words, shared_folder
 from harness.report.formats import Table, percent, percent_range
+from harness.report.verdict import best_of
 from harness.score.compared_runs import ComparedRuns, VerdictChange
 from harness.score.comparison import NO_COMMON_FRAME, Comparison, identical_on
 from harness.score.verdicts import answered
@@ -40,7 +41,7 @@ def compared_lines(compared: ComparedRuns) -> list[str]:
         lines.append("Nothing to compare: one configuration; add another run, or --baseline RUN.")
     for best in ranked[:1]:
         ends = percent_range(best.scores.interval)
-        who = f"Best of {len(compared.places)}: {best.name.removeprefix(shared)}"
+        who = f"{best_of([row.scores for row in ranked])}: {best.name.removeprefix(shared)}"
         lines.append(f"{who}, right in {percent(best.scores.frr)} % of the frames (95 %: {ends}).")
     return lines
 

@@ -35,7 +35,7 @@ def verdict_lines(scores: Scores) -> list[str]:
     if not rows:
         return ["Nothing is scored: no frame has a label."]
     best = max(rows, key=lambda row: row.frr)
-    lines = [_best_line(best, len(rows)), _baseline_line(best)]
+    lines = [_best_line(best, rows), _baseline_line(best)]
     if len(rows) > 1:
         lines += _difference_lines(scores, [row.configuration for row in rows])
     return [*lines, *_next_lines(scores, MOST_LINES - len(lines))]
@@ -47,13 +47,20 @@ def compared_rows(scores: Scores) -> list[ScoreRow]:
     return [row for row in scores.overall() if row.configuration in compared]
 
 
-def _best_line(best: ScoreRow, configurations: int) -> str:
-    who = f"Best of {configurations}: {{}}, right" if configurations > 1 else "{} is right"
-    rate = f"{who} in {percent(best.frr)} % of the frames"
+def best_of(rows: Sequence[ScoreRow]) -> str:
+    """Of how many rows the best one is the best, and how many are as good if it is not alone."""
+    equals = Counter(row.frr for row in rows)[max(row.frr for row in rows)]
+    return f"Best of {len(rows)}{f' ({equals} equally good)' if equals > 1 else ''}"
+
+
+def _best_line(best: ScoreRow, rows: Sequence[ScoreRow]) -> str:
+    who = f"{best_of(rows)}: {{}}, right" if len(rows) > 1 else "{} is right"
+    short = f"{who} in {percent(best.frr)} %"
+    rate = f"{short} of the frames"
     if math.isnan(best.interval.low):
         return _fitting(_Sentence(f"{rate} (too few looks for an interval).", [best.configuration]))
     ends = f"{interval_range(best.interval, '.0f', 100)} % {_SCOPES[best.interval.unit]}"
-    forms = f"{rate} (95 % confidence: {ends}).", f"{rate} (95 %: {ends})."
+    forms = f"{rate} (95 % confidence: {ends}).", f"{rate} (95 %: {ends}).", f"{short} (95 %: {ends})."
     return _fitting(*(_Sentence(form, [best.configuration]) for form in forms))
 
 

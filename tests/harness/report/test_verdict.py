@@ -52,7 +52,7 @@ def _said(right: Mapping[str, float], **how: Any) -> list[str]:
 def test_the_answer_comes_first_then_the_baseline_then_each_factor_then_the_next_step() -> None:
     right = {"bm-one": 0.5, "bm-two": 0.7, "sgbm-one": 0.5, "sgbm-two": 0.7}
     best, baseline, matcher, cones, step = _said(right, factors=_factors(*right))
-    assert best.startswith("Best of 4: bm-two, right in 70.0 % ")
+    assert best.startswith("Best of 4 (2 equally good): bm-two, right in 70.0 % ")
     assert "simple rule" in baseline
     assert matcher.startswith("stereo.matcher: bm or sgbm, no difference: ")
     assert cones.startswith("attention.cones_cm: two beats one by 20.0 points")

@@ -83,7 +83,7 @@ def test_equal_runs_are_said_to_be_identical() -> None:
         _run(run, {"one": _right(*ALL), "two": _right(1, 2)})
     identical, best = compared_lines(compare_runs([Path("a"), Path("b")]))
     assert identical == "a and b: identical on 24 frames of 2 configurations."
-    assert best.startswith("Best of 4: a/one, right in 100.0 % of the frames")
+    assert best.startswith("Best of 4 (2 equally good): a/one, right in 100.0 % of the frames")
 
 
 def test_a_single_configuration_and_a_run_without_labels_are_said_to_have_no_comparison() -> None:
