@@ -81,7 +81,8 @@ def import_(
         list[str] | None,
         typer.Option(
             metavar="THEIRS=OURS",
-            help="Rename a label: their name to the manifest's. SUBJECT:THEIRS=OURS: only targets of one subject.",
+            help="Rename a label: their name to the manifest's, or to nothing, which leaves its labels out. "
+            "SUBJECT:THEIRS=OURS: only targets of one subject.",
         ),
     ] = None,
     gaps: Annotated[

@@ -93,11 +93,13 @@ def from_project(project: Mapping[str, Any], exchange: Exchange, path: Path) -> 
     spans = []
     for event, stop in _pairs(states):
         here = f"{where}: {'picture ' if _is_of_pictures(observation) else ''}{_shown(event.at, observation)}"
-        start = event.at + offset_ms
+        start, named = event.at + offset_ms, _target(event, behaviours, exchange.modifier)
+        if exchange.names.leaves_out(event.subject, named):
+            continue
         if stop is None:
             notes.append(f"{here}: {event.behaviour!r} of {event.subject!r} never stops: it lasts to the clip's end.")
         subject = exchange.subject(event.subject, here)
-        target = exchange.target(_target(event, behaviours, exchange.modifier), subject, here)
+        target = exchange.target(named, subject, here)
         spans.append(
             Span(
                 start_ms=start,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left, bisect_right
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -62,7 +63,8 @@ class ReadOnly:
 class NameLog:
     """Translates names by ``renamed`` (theirs -> ours) and records those that it could not translate.
 
-    ``SUBJECT:NAME`` renames the targets called ``NAME`` of one subject, whose name is ours or theirs.
+    ``SUBJECT:NAME`` renames the targets called ``NAME`` of one subject, whose name is ours or theirs. The labels of a
+    name without one of ours ("") are left out.
     """
 
     renamed: Mapping[str, str]
@@ -70,6 +72,7 @@ class NameLog:
     _seen: set[str] = field(default_factory=set)
     _unknown: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
     """By kind and name: the first place, and the suggestion."""
+    _left_out: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         self.renamed = {composed(theirs): composed(ours) for theirs, ours in self.renamed.items()}
@@ -86,6 +89,14 @@ class NameLog:
                     return self.renamed[key]
         return self.renamed.get(name, name)
 
+    def leaves_out(self, subject: str | None, target: str) -> bool:
+        """Whether a label of their names is left out, which is counted; subject None: its name is not in the file."""
+        ours = None if subject is None else self.translate(subject)
+        names = [subject] if subject is not None and ours == "" else []
+        names += [target] if not self.translate(target, ours) else []
+        self._left_out.update(names[:1])
+        return bool(names)
+
     def expect(self, name: str, known: Collection[str], kind: str, where: str, subject: str | None = None) -> str:
         """Our name for theirs. An unknown one is recorded; :meth:`check` reports all of them at once."""
         ours = self.translate(name, subject)
@@ -95,7 +106,7 @@ class NameLog:
         return ours
 
     def check(self, path: object) -> tuple[str, ...]:
-        """Reject unknown names; return a note for each rename of a name that the file does not have.
+        """Reject unknown names; return notes on labels that are left out, and on renames that the file does not have.
 
         Raises
         ------
@@ -105,12 +116,16 @@ class NameLog:
         if self._unknown:
             where, _ = next(iter(self._unknown.values()))
             listed = " | ".join(f"{kind} {problem}" for (kind, _), (_, problem) in [*self._unknown.items()][:_SHOWN])
-            raise VfoaError(f"{where}: unknown {listed} (--rename THEIRS=OURS)")
-        return tuple(
+            raise VfoaError(f"{where}: unknown {listed} (--rename THEIRS=OURS, or THEIRS= to leave their labels out)")
+        left_out = (
+            f"{path}: left out: {counted(n, 'label')} of {name!r} (--rename)." for name, n in self._left_out.items()
+        )
+        unseen = (
             f"{path}: --rename {name}: no such name in it; {did_you_mean(name, self._seen)}"
             for name in self.renamed
             if name not in self._seen
         )
+        return (*left_out, *unseen)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +148,8 @@ class Exchange:
         The names of the films from which the clip is read, the left view first, each with the time of its first
         picture for a player, seconds.
     renamed
-        The other program's name -> ours; ``SUBJECT:NAME`` -> ours for targets of one subject.
+        The other program's name -> ours, or "" to leave its labels out; ``SUBJECT:NAME`` -> ours for targets of one
+        subject.
     gaps
         Meaning of frames without a label between two labels of a subject.
     film
@@ -297,6 +313,7 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object, *, shown
             rows.append((span.where, row))
         else:
             outside.append(span.where)
+    exchange.names.check(path)  # labels of an unknown name may overlap with others, which is not what is wrong
     check_sequence(rows, exchange.timeline, allow_gaps=True)
     imported = exchange.labels((row for _, row in rows), path)
     return without(outside, _with_cut(inside, timeline, imported, path), path)

@@ -101,7 +101,12 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
             f"{', '.join(exchange.subjects) or 'none'}"
         )
     given = [_row(cells, columns, f"{path}:{line}") for line, cells in lines]
-    known = [row for row in given if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
+    with_target = [row for row in given if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
+    known = [
+        (where, cells)
+        for where, cells in with_target
+        if not exchange.names.leaves_out(cells.get("subject"), cells["target"])
+    ]
     if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in _UNITS:
         _check_unit(known, place, exchange, path)
     if place[0] in ("start_ms", "time_ms"):
@@ -113,8 +118,8 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     else:
         imported = _frames(known, place, exchange, path)
     notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
-    if len(known) < len(given):
-        notes.append(f"{path}: left out: {counted(len(given) - len(known), 'row')} without a target.")
+    if len(with_target) < len(given):
+        notes.append(f"{path}: left out: {counted(len(given) - len(with_target), 'row')} without a target.")
     return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
 
 
@@ -335,6 +340,7 @@ def _whole(cell: str, where: str, what: str = "the number of a frame") -> int:
 def _frames(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:
     """Labels by the clip's own frame numbers."""
     ranges = [(where, _range(where, cells, place, exchange)) for where, cells in rows]
+    exchange.names.check(path)
     check_sequence(ranges, exchange.timeline, allow_gaps=True)
     found = [row for _, row in ranges]
     return exchange.labels(found if len(place) > 1 else _joined(found, exchange.frames), path)
@@ -374,6 +380,7 @@ def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) 
         else:
             moments.append(_Moment(apart_ns, time_ns, where, row))
     found = [(moment.where, moment.row) for moment in _nearest_rows(moments)]
+    exchange.names.check(path)
     check_sequence(found, exchange.timeline, allow_gaps=True)
     imported = without(outside, exchange.labels(_joined([row for _, row in found], exchange.frames), path), path)
     between = len(moments) - len(found)

@@ -200,7 +200,7 @@ def _looks(
     looks = defaultdict[str, dict[int, Label]](dict)
     for each, shape in of_people:
         value, frame = shape.attributes.get(attribute, ""), frames.get(shape.at)
-        if shape.is_outside or value in _UNSET or frame is None:
+        if shape.is_outside or value in _UNSET or frame is None or exchange.names.leaves_out(each.name, value):
             continue
         target = NOWHERE if value.lower() == NOWHERE else exchange.target(value, each.name, shape.where)
         label = looks[each.name].setdefault(frame, Label(target=target))

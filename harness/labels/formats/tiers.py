@@ -115,7 +115,7 @@ def _spans(
     for start, end, value in annotations:
         if max(abs(start), abs(end)) > _FARTHEST_MS:
             raise VfoaError(f"{place} has an annotation at {start} to {end} ms; expected a time in a film")
-        if value:
+        if value and not exchange.names.leaves_out(tier, value):
             where = f"{place}, {start / 1000:.3f} to {end / 1000:.3f} s"
             label = Label(
                 target=exchange.target(value, subject, where),

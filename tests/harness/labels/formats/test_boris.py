@@ -71,6 +71,20 @@ def test_a_project_is_read(tmp_path: Path) -> None:
     assert Boris().read(packed, exchange()).labels.ranges == ROWS
 
 
+def test_subjects_and_behaviours_may_be_left_out(tmp_path: Path) -> None:
+    """A project of a study holds more than looks: in public ones, postures and speech of animals and of parents."""
+    more = [[0.02, "aunt", "cup", "", ""], [0.05, "girl", "talks", "", ""], [0.09, "girl", "talks", "", ""]]
+    path = write_text(tmp_path / "a.boris", _project(talk={"type": "MEDIA", "events": TALK + more}))
+    with pytest.raises(VfoaError, match=r"unknown target 'talks'; .* 'aunt'; .*--rename THEIRS=OURS, or THEIRS= "):
+        Boris().read(path, exchange())
+    imported = Boris().read(path, exchange(renamed={"aunt": "", "talks": ""}))
+    assert imported.labels.ranges == ROWS
+    assert {note for note in imported.notes if "--rename" in note} == {
+        f"{path}: left out: 1 label of {name!r} (--rename)." for name in ("aunt", "talks")
+    }
+    assert Boris().read(path, exchange(renamed={"aunt": "", "girl:talks": ""})).labels == imported.labels
+
+
 def test_every_unknown_name_is_told_at_once(tmp_path: Path) -> None:
     names = [("gril", "brid"), ("gril", "brid"), ("boy", "x"), ("boy", "x")]
     talk = {"events": [[time, *pair] for time, pair in enumerate(names)]}
