@@ -10,6 +10,7 @@ import typer
 
 from harness.cli.options import Replace, Run, RunConfiguration, run_folder
 from harness.cli.terminal import say
+from vfoa.errors import VfoaError
 
 app = typer.Typer(help="Write a run's answers for another program, or another run.", no_args_is_help=True)
 
@@ -54,7 +55,6 @@ def export(
     """
     from harness.report.frames_csv import export_frames
     from harness.run.exported_answers import export_answers
-    from vfoa.errors import VfoaError
 
     if out is not None and out.suffix.lower() in (".csv", ".parquet") and not out.is_dir():
         names = "frames.csv" if format is Format.frames else "CLIP.csv"

@@ -11,6 +11,10 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Overrides, ProviderName, Replace, bench_sections, clip_names, experiment_and_clip_names
+from harness.cli.run import experiment_of
+from harness.cli.terminal import print_reports, say, vfoa_command
+from vfoa.errors import VfoaError, check_known
+from vfoa.removed import removed
 
 ONLY_HELP = "Measure only this: stages, stereo, realtime, attention or gpu (several times for more)."
 
@@ -45,8 +49,6 @@ def bench(
 ) -> None:
     """Measure the speed of stages, matchers, attention and networks, and the errors of matchers."""
     from harness.bench import OF_IMAGES, SECTIONS, Bench
-    from harness.cli.run import experiment_of
-    from harness.cli.terminal import print_reports, say, vfoa_command
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write, check_new
     from harness.pipeline.weights import locate_weights
@@ -54,9 +56,7 @@ def bench(
     from harness.run.experiment import is_experiment
     from harness.run.plan import fetch_command, host, versions
     from harness.sources import MeasuredClip
-    from vfoa.errors import VfoaError, check_known
     from vfoa.onnx import check_provider
-    from vfoa.removed import removed
 
     for section in only or ():
         if gone := removed(("bench",), section):

@@ -9,6 +9,8 @@ import typer
 
 from harness.cli.options import Replace
 from harness.cli.terminal import say
+from vfoa.errors import VfoaError
+from vfoa.validation import parse
 
 if TYPE_CHECKING:
     from harness.sources.calibrate.solve import StereoCalibration
@@ -61,8 +63,6 @@ def calibrate(
     from harness.sources.media.images import encode_rgb
     from harness.sources.rectification import Rectifier
     from harness.sources.stereo_pairs import PairFiles
-    from vfoa.errors import VfoaError
-    from vfoa.validation import parse
 
     if out.suffix.lower() not in (".yml", ".yaml"):  # calibrations are recognised by their suffix
         raise VfoaError(f"--out {out}: found the suffix {out.suffix!r}; expected .yml or .yaml")

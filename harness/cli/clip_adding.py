@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.options import Json, named_once
+from harness.cli.run import experiment_of
 from harness.cli.terminal import print_json, print_table, say, vfoa_command
 from harness.files.groups import grouped
 from vfoa.errors import VfoaError, listed
@@ -283,7 +284,6 @@ def _run_options(added: Added) -> tuple[str, str | None]:
 
     If other networks can stand in for all that are missing, options choose them, and there is nothing to fetch.
     """
-    from harness.cli.run import experiment_of
     from harness.pipeline.weights import missing_weights
     from harness.run.experiment import is_experiment
     from harness.run.plan import fetch_command, needed_stages

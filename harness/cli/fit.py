@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.options import Overrides, Replace, configuration_names, experiment_and_clip_names
-from harness.cli.terminal import exit_if_interrupted, say, vfoa_command
+from harness.cli.run import experiment_of
+from harness.cli.terminal import exit_if_interrupted, frames_bar, print_reports, say, vfoa_command
+from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -54,7 +56,6 @@ def fit(
 
     The fit is scored on clips, or parts of one clip, that were left out. Use it with `vfoa run CLIP --preset FILE`.
     """
-    from harness.cli.terminal import frames_bar, print_reports
     from harness.files.io import atomic_write, check_new
     from harness.report.fit import fit_tables
     from harness.report.formats import to_markdown
@@ -63,7 +64,6 @@ def fit(
     from harness.run.runner import executor
     from harness.score.fit_logit import DEFAULT, FITTED, fit_logit
     from harness.score.labelled_run import read_labelled
-    from vfoa.errors import VfoaError
 
     first_s = _seconds(first)
     notices: list[str] = []
@@ -107,10 +107,8 @@ def _next_command(asked: str, clips: list[str], overrides: tuple[str, ...], path
 
     A method that was set, or the experiment of a run that is not here or chooses other methods, cannot stay.
     """
-    from harness.cli.run import experiment_of
     from harness.run.experiment import has_weights
     from harness.run.fitted import read_fitted
-    from vfoa.errors import VfoaError
 
     fitted = read_fitted(path)
     others = tuple(change for change in overrides if not change.startswith("attention."))
@@ -127,8 +125,6 @@ def _next_command(asked: str, clips: list[str], overrides: tuple[str, ...], path
 
 
 def _seconds(text: str | None) -> float | None:
-    from vfoa.errors import VfoaError
-
     if text is None:
         return None
     try:
@@ -151,15 +147,12 @@ def _source(
 
     ``tell`` is called with a line about what is reused, or kept if it is interrupted.
     """
-    from harness.cli.run import experiment_of
-    from harness.cli.terminal import frames_bar
     from harness.files.folders import find
     from harness.pipeline.cache_store import open_store
     from harness.report.experiment_run import run_plainly
     from harness.run.directory import RunDirectory
     from harness.run.executors import cores
     from harness.run.plan import manifest_of
-    from vfoa.errors import VfoaError
 
     if _is_run(what):
         if overrides:

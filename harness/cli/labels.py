@@ -20,7 +20,7 @@ from harness.cli.options import (
     run_folder,
     written_formats,
 )
-from harness.cli.terminal import say
+from harness.cli.terminal import first_rows, print_reports, say
 from vfoa.errors import VfoaError, counted
 
 if TYPE_CHECKING:
@@ -238,7 +238,6 @@ def agreement(
     replace: Replace = False,
 ) -> None:
     """Compare annotators: kappa with its interval, agreement per target, confusion, and a list of differences."""
-    from harness.cli.terminal import first_rows, print_reports
     from harness.clips.manifest import load_manifest
     from harness.files.io import check_new, write_together
     from harness.report.agreement import agreement_tables

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from harness.cli.options import ProviderName, Replace, experiment_and_clip_names, model_names
-from harness.cli.terminal import print_table, say
+from harness.cli.run import experiment_of
+from harness.cli.terminal import bytes_bar, print_table, say
+from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
     from harness.pipeline.weights import ModelCheck
@@ -66,12 +68,9 @@ def fetch(
     Licences and sizes are printed first. Networks in OpenVINO's format, and 3DDFA_V2's checkpoint, are converted
     to ONNX. A model that cannot be fetched is named and does not stop the others; the exit code is 2 then.
     """
-    from harness.cli.run import experiment_of
-    from harness.cli.terminal import bytes_bar
     from harness.pipeline.weights import fetch_model, find_model, models_of
     from harness.run.experiment import is_experiment
     from harness.run.plan import needed_stages
-    from vfoa.errors import VfoaError
 
     if not names and what is None:
         raise VfoaError("models fetch: found no MODEL; expected names of `vfoa models list`, or --for CLIP")

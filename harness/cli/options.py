@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from harness.files.safe_names import composed
+from vfoa.errors import VfoaError
+
 if TYPE_CHECKING:
     from harness.run.manifest import RunManifest
     from harness.score.subset import Condition
@@ -17,15 +20,11 @@ if TYPE_CHECKING:
 
 def composed_name(name: str | None) -> str | None:
     """A name from the command line in the form that tables have (:func:`harness.files.safe_names.composed`)."""
-    from harness.files.safe_names import composed
-
     return name and composed(name)
 
 
 def named_once(option: str, pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
     """What an option that can be given several times says of each name; raises VfoaError if it gives a name twice."""
-    from vfoa.errors import VfoaError
-
     said: dict[str, str] = {}
     for name, value in pairs:
         if name in said:
@@ -103,7 +102,6 @@ def run_directories(incomplete: str) -> list[str]:
 def configuration_names(context: typer.Context, incomplete: str) -> list[str]:
     """The configurations of the run that the command names, or of the experiment."""
     from harness.run.experiment import load_experiment
-    from vfoa.errors import VfoaError
 
     if manifest := _named_manifest(context):
         return _matching(manifest.configurations, incomplete)
@@ -144,7 +142,6 @@ def written_formats(incomplete: str) -> list[str]:
 def _named_manifest(context: typer.Context) -> RunManifest | None:
     """The manifest of the run that the command names; None if it names none."""
     from harness.run.directory import RunDirectory
-    from vfoa.errors import VfoaError
 
     try:
         return RunDirectory(Path(_named(context))).read_manifest()

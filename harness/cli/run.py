@@ -21,7 +21,8 @@ from harness.cli.options import (
     experiment_and_clip_names,
     preset_names,
 )
-from harness.cli.terminal import exit_if_interrupted, say, vfoa_command
+from harness.cli.terminal import exit_if_interrupted, frames_bar, print_reports, print_scores, say, vfoa_command
+from vfoa.errors import VfoaError, did_you_mean
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -117,7 +118,6 @@ def run(
         _refuse_options(context, "paper_cases", ("out",))
         _run_paper_cases(out)
         return
-    from harness.cli.terminal import frames_bar, print_scores
     from harness.files.folders import OTHER_RUNS
     from harness.report.experiment_run import run_whole
     from harness.report.write import rescore
@@ -163,8 +163,6 @@ _OF_BENCHMARK = ("overrides", "out", "workers", "threads", "limit", "recording",
 
 def _refuse_options(context: typer.Context, what: str, used: Collection[str]) -> None:
     """Refuse every given option except those in ``used``."""
-    from vfoa.errors import VfoaError
-
     options = {param.name: param.opts[0] for param in context.command.params if param.name not in (None, "what")}
     given = [
         option
@@ -178,7 +176,6 @@ def _refuse_options(context: typer.Context, what: str, used: Collection[str]) ->
 
 def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     """Run the materials of the benchmark that are here, print the table and write it; exit with 1 if none is here."""
-    from harness.cli.terminal import frames_bar, print_reports
     from harness.report.benchmark import MATERIALS, changed_methods, material_experiment
     from harness.report.benchmark_tables import (
         benchmark_lines,
@@ -188,7 +185,6 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
     )
     from harness.report.experiment_run import run_whole
     from harness.report.write import rescore
-    from vfoa.errors import VfoaError
 
     changes = changed_methods(overrides)
     scores, left_out = {}, []
@@ -218,7 +214,6 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
 
 def _run_paper_cases(out: str | None) -> None:
     """Print the paper's simulated cases; with ``out``, write them as paper_cases.md there."""
-    from harness.cli.terminal import print_reports
     from harness.files.io import atomic_write
     from harness.report.formats import to_markdown
     from harness.report.paper_cases import paper_cases
@@ -263,7 +258,6 @@ def experiment_of(
     from harness.clips.families import clip_files, families, is_pattern
     from harness.files.folders import find, is_run_of_program, names
     from harness.run.experiment import is_experiment, load_experiment
-    from vfoa.errors import VfoaError, did_you_mean
 
     if len(what) == 1 and is_experiment(what[0]):
         clip = find("datasets", what[0])
@@ -288,8 +282,6 @@ def experiment_of(
 
 def _only_experiment() -> str:
     """The experiment of the working directory, if it has just one."""
-    from vfoa.errors import VfoaError
-
     here = sorted(Path("experiments").glob("*.toml"))
     if len(here) != 1:
         present = ", ".join(path.stem for path in here) or "no experiment"

@@ -26,7 +26,17 @@ from harness.cli.options import (
     run_directories,
     run_folder,
 )
-from harness.cli.terminal import MOST_ROWS, first_rows, print_json, print_reports, say
+from harness.cli.terminal import (
+    MOST_ROWS,
+    first_rows,
+    print_json,
+    print_reports,
+    print_scores,
+    say,
+    say_unknown_names,
+    verdict_of_run,
+)
+from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
     from harness.report.comparisons import PlannedPair
@@ -52,12 +62,10 @@ def score(
 
     With --where, nothing is written: the table of these frames is printed.
     """
-    from harness.cli.terminal import print_scores, say_unknown_names, verdict_of_run
     from harness.report.tables import summary_table
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
-    from vfoa.errors import VfoaError
 
     folder = run_folder(run)
     if where:
@@ -96,7 +104,6 @@ def report(
     from harness.files.io import atomic_write, check_new
     from harness.report.write import refresh, report_page
     from harness.run.directory import RunDirectory
-    from vfoa.errors import VfoaError
 
     directory = RunDirectory(run_folder(run))
     chosen = ",".join(where or ())
@@ -187,7 +194,6 @@ def compare(
     from harness.report.page.compare import render_comparison, report_link
     from harness.run.directory import RunDirectory
     from harness.score.compared_runs import compare_runs
-    from vfoa.errors import VfoaError
 
     if fail_on is not None and baseline is None:
         raise VfoaError("compare: --fail-on needs --baseline RUN, found none")
@@ -299,8 +305,6 @@ def _as_json(compared: ComparedRuns) -> dict[str, Any]:
 
 def _parsed(fail_on: str) -> tuple[str, float]:
     """The kind of a check and its points."""
-    from vfoa.errors import VfoaError
-
     match = re.fullmatch(r"(significant-drop|drop(?==)|possible-drop(?==))(?:=(\d*\.?\d+))?", fail_on)
     points = float(match[2] or 0) if match else -1.0
     if not match or not 0 <= points <= 100 or (match[1] == "possible-drop" and points == 0):
@@ -318,7 +322,6 @@ def _failing(comparisons: Sequence[Comparison], kind: str, points: float) -> lis
     """
     from harness.score.comparison import format_p
     from harness.score.statistics import SIGNIFICANCE
-    from vfoa.errors import VfoaError
 
     if kind == "significant-drop" and not any(comparison.can_be_significant for comparison in comparisons):
         least = min(comparison.smallest_p for comparison in comparisons)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from shutil import which
 from typing import Annotated
 
 import typer
 
 from harness.cli.options import Cache, stage_names
 from harness.cli.terminal import print_table, say
+from vfoa.errors import VfoaError
 
 _EXAMPLE = Path(__file__).with_name("example")
 """What ``vfoa init`` leaves; ``scripts/example_clip.py`` has made its data."""
@@ -25,7 +29,6 @@ def init(
     Files that exist stay as they are.
     """
     from harness.files.io import atomic_write
-    from vfoa.errors import VfoaError
 
     for name in ("datasets", "annotations", "experiments"):
         try:
@@ -94,8 +97,6 @@ def _fetch_all() -> str:
 
 def _packages() -> Iterator[Finding]:
     """Import each package: one that is installed can still lack a library of the system."""
-    from importlib import import_module
-
     yield Finding(what="Python", state=f"{platform.python_version()}, {platform.machine()}")
     for name in _MODULES:
         try:
@@ -108,8 +109,6 @@ def _packages() -> Iterator[Finding]:
 
 
 def _folders() -> Iterator[Finding]:
-    import os
-
     from harness.files.folders import VARIABLE, cache_root
     from vfoa.weights import cache_directory
 
@@ -145,8 +144,6 @@ _DEVICES = Path("/dev")
 
 def _has_nvidia_gpu() -> bool:
     """Whether the driver's devices are here: those of Linux, or of Windows' subsystem for it with NVIDIA's tools."""
-    from shutil import which
-
     is_subsystem = (_DEVICES / "dxg").exists() and which("nvidia-smi") is not None
     return is_subsystem or any(_DEVICES.glob("nvidia[0-9]*"))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import shlex
 import signal
@@ -112,8 +113,6 @@ def print_reports(tables: Iterable[Table]) -> None:
 
 def print_json(value: object) -> None:
     """Print JSON, indented; other types (a path) as text, numbers without a value as null."""
-    import json
-
     say(json.dumps(_without_nan(value), indent=2, ensure_ascii=False, default=str))
 
 
