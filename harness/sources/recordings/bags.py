@@ -29,7 +29,7 @@ from harness.sources.recordings.containers import (
     unpack_message,
     zstd_size,
 )
-from harness.sources.recordings.messages import BY_NAME, MessageType, codec_of, message_type, picture
+from harness.sources.recordings.messages import BY_NAME, Content, MessageType, codec_of, message_type, picture
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError, first_line, reported_as
 
@@ -120,7 +120,7 @@ def _bound_messages(reader: Any) -> None:
     if reader.compression_mode == "message":
         reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
 
-    def messages(*which: Any) -> Iterator[tuple[Any, int, bytes]]:
+    def messages(*which: Any) -> Iterator[tuple[Any, int, Content]]:
         for connection, time_ns, data in packed(*which):
             yield connection, time_ns, unpack_message(data)
 

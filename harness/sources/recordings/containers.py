@@ -12,7 +12,7 @@ from typing import Protocol
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
-from harness.sources.recordings.messages import IMAGES, MessageType, layout_of, picture, stamp_ns
+from harness.sources.recordings.messages import IMAGES, Content, MessageType, layout_of, picture, stamp_ns
 from harness.sources.recordings.topics import Place, Topic
 from harness.sources.recordings.video import begins_video
 from vfoa.errors import VfoaError
@@ -34,7 +34,7 @@ class TooLargeError(ValueError):
     """A chunk or message is larger than what is read; it is not damaged."""
 
 
-def unpack(data: bytes, compression: str, size: int) -> bytes:
+def unpack(data: Content, compression: str, size: int) -> Content:
     """Return the bytes of a chunk, decompressed to the size that it states.
 
     Raises
@@ -65,7 +65,7 @@ def unpack(data: bytes, compression: str, size: int) -> bytes:
     return data
 
 
-def unpack_message(data: bytes) -> bytes:
+def unpack_message(data: Content) -> Content:
     """Return a message in CDR, decompressed if ``ros2 bag record --compression-mode message`` compressed it.
 
     Raises
@@ -73,7 +73,7 @@ def unpack_message(data: bytes) -> bytes:
     ValueError
         If its size is too large, wrong, or not stated; the library has errors of its own for damaged data.
     """
-    if not data.startswith(_ZSTD):
+    if data[: len(_ZSTD)] != _ZSTD:
         return data
     size = zstd_size(data)
     if size is None:
@@ -97,7 +97,7 @@ def starts_with(path: Path, magic: bytes) -> bool:
         return False
 
 
-def zstd_size(head: bytes) -> int | None:
+def zstd_size(head: Content) -> int | None:
     """The size that the head of data in Zstandard states, bytes; None if it states none. Raises as :func:`unpack`."""
     size: int = zstandard.get_frame_parameters(head).content_size
     return None if size == zstandard.CONTENTSIZE_UNKNOWN else size
@@ -155,7 +155,7 @@ class TopicIndex:
         """
         return self._topics.setdefault((name, kind.message_encoding, kind.name, layout_of(kind)), Topic(name, kind))
 
-    def add(self, topic: Topic, log_time_ns: int, data: bytes, address: tuple[int, int, int]) -> None:
+    def add(self, topic: Topic, log_time_ns: int, data: Content, address: tuple[int, int, int]) -> None:
         """Index one message; ``address`` is its file's index and the two numbers by which its container finds it.
 
         Raises

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import struct
+import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from io import BytesIO
 from itertools import chain
@@ -15,43 +15,62 @@ from typing import Any, BinaryIO
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Channel, ChunkIndex, McapRecord, Message, Schema
 from mcap.summary import Summary
 
 from harness.files.ascending import natural_order
 from harness.files.io import opened
 from harness.sources.recordings import zed
 from harness.sources.recordings.containers import TooLargeError, TopicIndex, unpack, unpack_message
-from harness.sources.recordings.messages import MessageType, codec_of, message_type, picture
+from harness.sources.recordings.messages import Content, MessageType, codec_of, message_type, picture
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError, first_line, reported_as
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode and length of every record
-_RECORDS: dict[int, Any] = {
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.MESSAGE: Message,
-    Opcode.CHUNK: Chunk,
-}
+_CHUNK = struct.Struct("<QQQII")  # first and last log time; size and CRC of the content; length of the compression
+_LENGTH = struct.Struct("<Q")  # of the content
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_DECLARING: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
+_READ = {Opcode.MESSAGE, Opcode.CHUNK, *_DECLARING}
 
 
-def _record_at(file: BinaryIO, offset: int) -> McapRecord:
-    """Read a record of a kind that holds messages, or is needed to read them; any exception means damage."""
+def _records_at(file: BinaryIO, offset: int) -> list[McapRecord]:
+    """The records in the chunk at an offset, or the one that is there; any exception means damage."""
     file.seek(offset)
     opcode, length = HEAD.unpack(file.read(HEAD.size))
-    data = file.read(length)
-    stream = ReadDataStream(BytesIO(data))
-    return Message.read(stream, len(data)) if opcode == Opcode.MESSAGE else _RECORDS[opcode].read(stream)
+    content = memoryview(file.read(length))
+    return records_in(content) if opcode == Opcode.CHUNK else [_record(opcode, content)]
 
 
-def parts_of(record: McapRecord) -> list[McapRecord]:
-    """The records in a chunk; any other record alone. Any exception means damage."""
-    if not isinstance(record, Chunk):
-        return [record]
-    data = unpack(record.data, record.compression, record.uncompressed_size)  # the library takes any size
-    return breakup_chunk(replace(record, compression="", data=data), validate_crc=True)
+def records_in(chunk: memoryview) -> list[McapRecord]:
+    """The messages in a chunk, and what is needed to read them; any exception means damage.
+
+    Messages hold a part of the chunk: the library's reader copies each image twice, and takes three times as long.
+    """
+    *_, size, checksum, length = _CHUNK.unpack_from(chunk)
+    compression, rest = chunk[_CHUNK.size : _CHUNK.size + length], chunk[_CHUNK.size + length :]
+    packed = rest[_LENGTH.size : _LENGTH.size + _LENGTH.unpack_from(rest)[0]]
+    content = memoryview(unpack(packed, str(compression, "utf-8"), size))
+    if checksum not in (0, zlib.crc32(content)):
+        raise ValueError("its checksum is wrong")
+    records, offset = [], 0
+    while offset < len(content):
+        opcode, length = HEAD.unpack_from(content, offset)
+        begin, offset = offset + HEAD.size, offset + HEAD.size + length
+        if opcode == Opcode.MESSAGE or opcode in _DECLARING:
+            if offset > len(content):
+                raise ValueError("its last record is cut")
+            records.append(_record(opcode, content[begin:offset]))
+    return records
+
+
+def _record(opcode: int, content: memoryview) -> McapRecord:
+    if opcode != Opcode.MESSAGE:
+        return _DECLARING[opcode].read(ReadDataStream(BytesIO(content)))
+    channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(content)
+    data: Any = content[_MESSAGE.size :]
+    return Message(channel, log_time, data, publish_time, sequence)
 
 
 def walk_messages(
@@ -80,7 +99,7 @@ def walk_messages(
     with opened(path) as file:
         for offset in _offsets(path, file, losses) if offsets is None else offsets:
             try:
-                parts = parts_of(_record_at(file, offset))
+                records = _records_at(file, offset)
             except TooLargeError as error:
                 losses.append(f"the chunk at byte {offset} is not read: {error}; expected smaller chunks (chunk_size)")
                 continue
@@ -88,13 +107,13 @@ def walk_messages(
                 losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
                 continue
             messages = 0
-            for part in parts:
-                if isinstance(part, Schema):
-                    summary.schemas[part.id] = part
-                elif isinstance(part, Channel):
-                    summary.channels[part.id] = part
-                elif isinstance(part, Message):
-                    yield offset, messages, part
+            for record in records:
+                if isinstance(record, Schema):
+                    summary.schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    summary.channels[record.id] = record
+                elif isinstance(record, Message):
+                    yield offset, messages, record
                     messages += 1
 
 
@@ -120,7 +139,7 @@ def _offsets(path: Path, file: BinaryIO, losses: list[str]) -> Iterator[int]:
         if opcode == 0:  # no such record: zeros of the file system
             losses.append(f"damaged at byte {offset}: everything after it is lost")
             return
-        if opcode in _RECORDS:
+        if opcode in _READ:
             yield offset
         offset += HEAD.size + length
     losses.append(f"cut at byte {size}: everything after it is lost")
@@ -130,7 +149,7 @@ def _offsets(path: Path, file: BinaryIO, losses: list[str]) -> Iterator[int]:
 def _messages_at(path: Path, offset: int, _version: tuple[int, int]) -> tuple[Message, ...]:
     """The messages of one record; the last two chunks stay decompressed, since neighbours are read in turn."""
     with path.open("rb") as file:
-        return tuple(part for part in parts_of(_record_at(file, offset)) if isinstance(part, Message))
+        return tuple(record for record in _records_at(file, offset) if isinstance(record, Message))
 
 
 def read_summary(path: Path) -> Summary:
@@ -205,7 +224,7 @@ class McapContainer:
                 kind = channel_type(channel, summary.schemas.get(channel.schema_id))
                 if kind.is_pose:
                     with reported_as(f"{path}: {channel.topic}"):
-                        data = _content(message, channel.message_encoding)
+                        data = bytes(_content(message, channel.message_encoding))
                     yield number, channel.topic, kind, message.log_time, data
             losses += [f"{path.name}: {loss}" for loss in lost]
 
@@ -238,11 +257,12 @@ class McapContainer:
         with reported_as(f"{path}: the record at byte {place.offset} can no longer be read"):
             status = path.stat()
             message = _messages_at(path, place.offset, (status.st_size, status.st_mtime_ns))[place.place]
-            return _content(message, topic.type.message_encoding)
+            return bytes(_content(message, topic.type.message_encoding))
 
 
-def _content(message: Message, encoding: str) -> bytes:
-    return unpack_message(message.data) if encoding == "cdr" else message.data
+def _content(message: Message, encoding: str) -> Content:
+    """The content of a message; in CDR a part of its chunk, which needs no copy to be decoded."""
+    return unpack_message(message.data) if encoding == "cdr" else bytes(message.data)
 
 
 def files_in(folder: Path) -> tuple[Path, ...]:

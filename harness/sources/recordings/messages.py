@@ -84,6 +84,9 @@ def codec_of(form: str) -> Codec | None:
     return next((codec for codec, words in _CODECS.items() if any(word in form.lower() for word in words)), None)
 
 
+Content = bytes | memoryview
+"""What a message holds: bytes of its own, or a part of the chunk that it is in."""
+
 READ = "messages of ROS 1, of ROS 2 (cdr), of Foxglove in protobuf, or of the ZED's SDK"
 """What is read, for errors."""
 
@@ -177,7 +180,7 @@ _PLAIN_CDR = (b"\0\0", b"\0\1")
 """First bytes of a message in XCDR1: big-endian, little-endian (OMG DDS-XTypes 1.3, table 59)."""
 
 
-def fields_of(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any]:
+def fields_of(kind: MessageType, data: Content, where: str) -> Callable[[str], Any]:
     """Decode a message; the returned function gives its fields by name, in the spelling of ROS 2.
 
     ROS 1 and Foxglove write the matrices of a calibration in capitals.
@@ -234,23 +237,23 @@ def reading(kind: MessageType, where: str) -> AbstractContextManager[None]:
 
 
 @lru_cache(maxsize=64)
-def _decoder(kind: MessageType) -> Callable[[bytes], Any]:
+def _decoder(kind: MessageType) -> Callable[[Content], Any]:
     if kind.is_ros:
         return _ros_decoder(kind)
     schema = Schema(id=1, name=kind.name, encoding=kind.schema_encoding, data=kind.schema)
     decoder = mcap_protobuf.decoder.DecoderFactory().decoder_for(kind.message_encoding, schema)
     if decoder is None:
         raise ValueError(f"no decoder for a schema in {kind.schema_encoding!r}")
-    return decoder
+    return lambda data: decoder(bytes(data))
 
 
-def _ros_decoder(kind: MessageType) -> Callable[[bytes], Any]:
+def _ros_decoder(kind: MessageType) -> Callable[[Content], Any]:
     definitions, store = _definitions_of(kind), get_typestore(Stores.EMPTY)
     store.register({name: fields for name, fields in definitions.items() if name not in store.types})
     if kind.message_encoding == "cdr":
         return lambda data: store.deserialize_cdr(data, kind.name)
 
-    def decode(data: bytes) -> Any:
+    def decode(data: Content) -> Any:
         with suppress(SerdeError):
             return store.deserialize_ros1(data, kind.name)
         return store.deserialize_ros1(data[:-_REALSENSE_BYTES], kind.name)
@@ -305,7 +308,7 @@ def _named_types(description: Any) -> Iterator[str]:
         yield from _named_types(content[0])
 
 
-def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
+def stamp_ns(kind: MessageType, data: Content, where: str) -> int:
     """Time at which the picture was taken: the header's stamp, nanoseconds; 0 if it was not set.
 
     Raises
@@ -320,7 +323,7 @@ def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
         return int(seconds) * 10**9 + int(fraction_ns)
 
 
-def picture(kind: MessageType, data: bytes, where: str) -> ImageMessage:
+def picture(kind: MessageType, data: Content, where: str) -> ImageMessage:
     """Return the content of an image's message, or of a packet of a video.
 
     Raises
@@ -330,9 +333,9 @@ def picture(kind: MessageType, data: bytes, where: str) -> ImageMessage:
     """
     with reading(kind, where):
         if kind.is_zed:
-            return zed.image_of(data, where)
+            return zed.image_of(bytes(data), where)
         if kind.is_orbbec:
-            return orbbec.image_of(data)
+            return orbbec.image_of(bytes(data))
         field = fields_of(kind, data, where)
         frame_id = str(field("frame_id") if _is_flat(kind) else field("header").frame_id)
         is_raw, is_ffmpeg = kind.kind == "raw", kind.name.startswith("ffmpeg_image_transport_msgs/")

@@ -12,13 +12,13 @@ import numpy as np
 
 from harness.sources.media.film import DECODING, RgbConverter
 from harness.sources.media.images import MOST_PIXELS
-from harness.sources.recordings.messages import MessageType, codec_of, picture
+from harness.sources.recordings.messages import Content, MessageType, codec_of, picture
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
 
-def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
+def begins_video(kind: MessageType, data: Content, where: str) -> bool:
     """Whether a decoder can begin with this packet.
 
     Raises

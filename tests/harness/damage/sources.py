@@ -80,7 +80,7 @@ WHOLE = [
 ]
 
 STILL_READ = [
-    _source("mcap with a flipped bit in a chunk", mcap, flipped(TAKE, 0.5), "crc", "damaged"),
+    _source("mcap with a flipped bit in a chunk", mcap, flipped(TAKE, 0.5), "checksum", "damaged"),
     _source("mcap cut", mcap, cut(TAKE, 0.6), "take.mcap", "cut"),
     _source("video cut", video, cut(FILM, 0.6), "both.mkv"),
 ]
