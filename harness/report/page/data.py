@@ -115,6 +115,7 @@ def page_data(
         stride                         attention is here for every ``stride``-th frame
         is_recorded                    whether the run has recordings
         run, recordings                of a served page: the directory; recordings by clip and configuration; else null
+        folder                         the run's directory, from the page: "." or an address that ends with a slash
         pictures                       of a page on the disk without room for all pictures: their folder; else null
         overall                        rows over all clips
         scored                         configurations that rows name: one for all seeds of a configuration
@@ -158,6 +159,7 @@ def page_data(
         "stride": stride,
         "is_recorded": scores.is_recorded,
         "run": served and served.run,
+        "folder": run_folder or ".",
         "pictures": f"{run_folder}thumbnails"
         if served is None and len(thumbnails.pictures) < thumbnails.wrong
         else None,

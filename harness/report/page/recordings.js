@@ -36,9 +36,9 @@ export function followInRecording(track, lane, i) {
   return true;
 }
 
-// A page on disk is in its run's directory.
+// The run of a page on disk.
 const run = data.run ?? (location.protocol === "file:"
-  ? decodeURIComponent(location.pathname).replace(/^\/(?=[A-Za-z]:)/, "").replace(/\/[^/]*$/, "") || "/"
+  ? decodeURIComponent(new URL(data.folder, location).pathname).replace(/^\/(?=[A-Za-z]:)/, "").replace(/(?<=.)\/$/, "")
   : "RUN");
 
 const quoted = (words) => (/^[\w@%+=:,./-]+$/.test(words) ? words : `'${words.replaceAll("'", `'"'"'`)}'`);

@@ -23,11 +23,21 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.page.data import ERROR_COLOURS
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
+from harness.report.write import report_page
 from harness.run.records import FrameRecord, TargetRecord
 from harness.score.reference import Reference
 from harness.score.verdicts import ERROR_TYPES
 from tests.browser import BrowserPage, point_at, requested, set_width, wait_for, wait_until_drawn
-from tests.records import answers, frame_record, labels, score_run, subject_record, target_record
+from tests.records import (
+    answers,
+    frame_record,
+    labels,
+    score_run,
+    subject_record,
+    target_record,
+    write_clip,
+    write_run,
+)
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
@@ -158,6 +168,18 @@ def test_a_frame_of_a_run_without_recordings_has_no_command_that_opens_one(repor
     report.open(tmp_path / "report.html", clip="clip", config="one", subject="girl", frame=2)
     assert "--recording light" in report.box("Frame 2 – wrong")
     assert report.all("#frame code") == []
+
+
+def test_a_page_outside_its_run_has_the_command_that_opens_a_frame_of_that_run(
+    report: ReportPage, tmp_path: Path
+) -> None:
+    clips, said = [write_clip(tmp_path, "clip", TRUTH)], answers(GIVEN["one"], clip="clip")
+    directory = write_run(tmp_path / "my runs" / "1", said, clips=clips, recording="light")
+    page = tmp_path / "pages" / "cups.html"
+    atomic_write(page, report_page(directory, None, "target=cup", "../my%20runs/1/"))
+    report.open(page, clip="clip", config="one", subject="girl", frame=2)
+    report.box("Frame 2 – wrong")
+    assert report.find("#frame code").text.startswith(f"vfoa view '{directory.path}' --clip clip ")
 
 
 @pytest.mark.parametrize("width_px", [1280, 390])
