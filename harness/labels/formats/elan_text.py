@@ -2,8 +2,9 @@
 
 Without column headers, a row has the tier, the participant, the times and the value. With a column for each tier, there
 are column headers, ``Begin Time - hh:mm:ss.ms`` in ELAN's language, and a row has the values of the tiers at its times.
-Of each unit of time, the columns are begin, end and duration. Lines ``"#ADDRESS -- offset: MS"`` name the films. The
-forms are those of ELAN's own writer (``ExportTabdelimited``; read, not used).
+Of each unit of time, the columns are begin, end and duration. Lines ``"#ADDRESS -- offset: MS"`` name the films, also
+with ``, duration: ..., ms per sample: ...`` at the end. The forms are those of ELAN's own writer
+(``ExportTabdelimited``; read, not used).
 
 A time code (SMPTE, ``hh:mm:ss:ff``) is that of the frame at a time, at the rate that its column's header names: PAL,
 PAL at 50 fps, or NTSC with dropped numbers. It is read where there is no exact time, as the begin of its frame.
@@ -23,7 +24,7 @@ from harness.files.dialects import Row, table_text
 from vfoa.errors import VfoaError
 
 _TO_TICK = "in ELAN's export, tick Begin Time and End Time as hh:mm:ss.ms"
-_FILM = re.compile(r'"?#.* -- offset: (-?[0-9]+)"?')
+_FILM = re.compile(r'"?#.* -- offset: (-?[0-9]+)(?:, .*)?"?')
 _CLOCK = re.compile(r"([0-9]{1,4}):([0-5][0-9]):([0-5][0-9](?:\.[0-9]{1,3})?)")
 _DECIMAL = re.compile(r"[0-9]{1,9}\.[0-9]{1,6}")
 _CODE = re.compile(r"([0-9]{1,4}):([0-5][0-9]):([0-5][0-9])[:;]([0-9]{2})")

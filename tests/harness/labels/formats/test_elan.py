@@ -327,6 +327,8 @@ def test_annotations_without_a_value_that_elan_saved_are_counted() -> None:
     assert f"{ELAN_2_8}: tier 'words-pos': left out: 2 annotations without a value" in imported.notes[0]
 
 
+FILM = "file:///a.mov -- offset: 500, duration: 00:00:02.000 / 2.000 / 2000"
+"""What ELAN writes of a film, on a Mac at least, before the size of its samples."""
 TEXT_ROWS = (("girl", 30, 130, "bird"), ("camera", 0, 240, "pan"), ("girl", 130, 200, "none"), ("boy", 0, 40, "girl"))
 """Annotations as ELAN exports them: those of the first test here, and another tier."""
 UNITS: dict[str, Callable[[int], str]] = {
@@ -490,6 +492,7 @@ def _with_code(standard: str, code: str) -> str:
         ("00:00:00.030\t00:00:00.130\tbird\n", r"a\.eaf: no column of tiers"),
         ("Begin Time - ss.msec\tDuration - ss.msec\tgirl\n0.03\t0.1\tbird\n", r"a\.eaf: columns 'Begin Time"),
         ('"#file:///a.mp4 -- offset: 500"\ngirl\t\t0.03\t0.1\t0.07\tbird\n', r"a\.eaf:1: .* 500 ms.*--offset"),
+        (f'"#{FILM}, ms per sample: 40.0"\n\ngirl\t\t0.03\t0.1\t0.07\tbird\n', r"a\.eaf:1: .* 500 ms.*--offset"),
         # time codes that their rates do not have
         (_with_code("PAL", "00:00:01:25"), r"a\.eaf:2: found .*00:00:01:25"),
         (_with_code("NTSC", "00:00:01:30"), r"a\.eaf:2: found .*00:00:01:30"),
