@@ -106,14 +106,13 @@ class Estimator:
             the configuration needs later frames (a temporal gaze model, smoothing in both directions).
         """
         tables = dotted_tables({**DEFAULTS, **(settings or {})}.items(), _TABLES, "settings")
-        chosen = {kind: _choose(registry, tables) for kind, registry in _REGISTRIES.items()}
-        stereo = _present(chosen)["stereo.matcher"][1]
+        chosen = {kind: found for kind, registry in _REGISTRIES.items() if (found := _choose(registry, tables))}
+        stereo, segmentation = (chosen[kind][1] for kind in ("stereo.matcher", "segmentation.model"))
         reconstruction, attend_settings = read_steps(tables, stereo, "settings")
         check_immediate(attend_settings)
-        check_located(name for choice in chosen.values() if choice for name in weights_of(choice[1]))
-        stages = {kind: model(checked) for kind, (model, checked) in _present(chosen).items()}
+        check_located(name for _, checked in chosen.values() for name in weights_of(checked))
+        stages = {kind: stage(checked) for kind, (stage, checked) in chosen.items()}
         matcher = stages["stereo.matcher"]
-        segmentation = _present(chosen)["segmentation.model"][1]
         return cls(
             Stages(
                 matcher=matcher,
@@ -249,7 +248,3 @@ def _choose(registry: Registry, tables: Mapping[str, Mapping[str, Any]]) -> _Cho
             "runs both)"
         )
     return stage, parse(stage.Settings, settings, "settings", table)
-
-
-def _present(chosen: Mapping[str, _Choice | None]) -> dict[str, _Choice]:
-    return {kind: choice for kind, choice in chosen.items() if choice is not None}

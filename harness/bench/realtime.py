@@ -54,7 +54,7 @@ _HEAD_SLOTS = ("heads", "head_pose", "gaze")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Speed:
-    """One row: milliseconds of a match and from the end of a frame to that of the next (median, 95th percentile).
+    """One row: milliseconds of a match (median, 95th percentile).
 
     ``fps`` are the frames per second of the pipeline. ``cpu_ms`` is the CPU time of a frame, over all threads: it
     depends less on the load of the machine. ``stereo`` is the quality of the disparities, None if the clip has no true
@@ -63,7 +63,6 @@ class Speed:
 
     what: str
     match_ms: tuple[float, float]
-    frame_ms: tuple[float, float]
     fps: float
     cpu_ms: float
     stereo: StereoQuality | None
@@ -188,11 +187,11 @@ def _measure(row: SpeedRow, manifest: ClipManifest, configuration: Configuration
         )
         perceived = (perceive(frame, stages, executor=thread if threads > 1 else None) for frame in held.frames)
         wall_s, cpu_s = _follow(prefetch(perceived, 1 if threads > 1 else 0), configuration)
+    match_ms = matcher.milliseconds[1:]
     pairs = [(disparity, true) for disparity, true in zip(matcher.found, held.truths, strict=True) if true is not None]
     return Speed(
         what=row.what,
-        match_ms=_median_and_95(matcher.milliseconds[1:]),
-        frame_ms=_median_and_95(1e3 * np.diff(wall_s)),
+        match_ms=(float(np.median(match_ms)), float(np.percentile(match_ms, 95))),
         fps=float((len(wall_s) - 1) / np.ptp(wall_s)),
         cpu_ms=float(1e3 * np.ptp(cpu_s) / (len(cpu_s) - 1)),
         stereo=quality(configuration.name, pairs) if pairs else None,
@@ -208,10 +207,6 @@ def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Flo
         attending.step(scene, tracked)
         ends.append((time.perf_counter(), time.process_time()))
     return np.transpose(ends)
-
-
-def _median_and_95(values: Sequence[float] | Float) -> tuple[float, float]:
-    return float(np.median(values)), float(np.percentile(values, 95))
 
 
 def speed_table(clip: str, threads: int, rows: Sequence[Speed], notes: Sequence[str]) -> Table:

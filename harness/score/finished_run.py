@@ -129,9 +129,9 @@ class FinishedRun:
             raise VfoaError(
                 f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
             )
-        frames, counted = {clip.name: len(clip.frames) for clip in run.clips}, cache(count_frames)
+        frames, rows_in = {clip.name: len(clip.frames) for clip in run.clips}, cache(count_frames)
         for (clip, configuration), of_pair in paths.items():
-            if (count := counted(of_pair["frames"])) != frames[clip]:
+            if (count := rows_in(of_pair["frames"])) != frames[clip]:
                 raise VfoaError(
                     f"{self.directory.path}: tables: found {count} frames of {clip} under {configuration}; expected "
                     f"{frames[clip]}, as the run had"

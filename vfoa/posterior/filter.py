@@ -14,7 +14,7 @@ import numpy as np
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, pruned, with_cues
 from vfoa.posterior.cues import facing_after, offsets_of, weighed_gaze, weighed_head
 from vfoa.posterior.grid import PLAUSIBLE_SHARE, Error
-from vfoa.posterior.looks import LEAST, Keys, Ways, columns_of, counted, leaving, new_look, predicted_looks
+from vfoa.posterior.looks import LEAST, Keys, Ways, columns_of, leaving, new_look, predicted_looks
 from vfoa.types import Float
 
 COUNTED_S = 0.04
@@ -77,8 +77,7 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
         looked=seen / total,
         leave=leave,
         new=new,
-        looks=counted(
-            prior.looks,
+        looks=prior.looks.after(
             1 - went_on.sum(axis=0) / total,
             (seen[-1] - went_on[-1]) / total,
             0.0 if before is None else dt_s,

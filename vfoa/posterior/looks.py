@@ -44,15 +44,14 @@ class LookCounts:
     nowhere: Float
     watched_s: float
 
+    def after(self, begun: Float, nowhere: Float, dt_s: float) -> LookCounts:
+        """Return the counts after a frame: probabilities (...) that a look began in it, and that one at nowhere did."""
+        return LookCounts(begun=self.begun + begun, nowhere=self.nowhere + nowhere, watched_s=self.watched_s + dt_s)
+
 
 def no_looks() -> LookCounts:
     """Return the counts (1, 1) before the first frame."""
     return LookCounts(begun=np.zeros((1, 1)), nowhere=np.zeros((1, 1)), watched_s=0.0)
-
-
-def counted(before: LookCounts, begun: Float, nowhere: Float, dt_s: float) -> LookCounts:
-    """Return the counts after a frame: probabilities (...) that a look began in it, and that one at nowhere did."""
-    return LookCounts(begun=before.begun + begun, nowhere=before.nowhere + nowhere, watched_s=before.watched_s + dt_s)
 
 
 def new_look(looks: LookCounts, count: int) -> Float:

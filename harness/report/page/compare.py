@@ -13,7 +13,7 @@ from harness.report.compared_runs import changes_table, compared_lines, ranking_
 from harness.report.comparisons import comparison_table, run_in_words, shared_folder, verdict_in_words
 from harness.report.formats import percent_range, points, points_range
 from harness.report.page.packing import pack_json
-from harness.report.page.render import counted, plain_table, script, template
+from harness.report.page.render import plain_table, printed_count, script, template
 from harness.score.compared_runs import ComparedRuns
 from harness.score.comparison import Comparison
 from harness.score.statistics import Interval
@@ -50,10 +50,10 @@ def render_comparison(compared: ComparedRuns, link: Link, *, is_served: bool = F
     return template("compare.html.jinja").render(
         title="Comparison of runs",
         facts=[
-            counted(len(compared.scores), "run"),
-            counted(len(compared.places), "configuration"),
-            counted(len(compared.comparisons), "pair"),
-            counted(sum(len(change.frames) for change in changes), "changed verdict"),
+            printed_count(len(compared.scores), "run"),
+            printed_count(len(compared.places), "configuration"),
+            printed_count(len(compared.comparisons), "pair"),
+            printed_count(sum(len(change.frames) for change in changes), "changed verdict"),
         ],
         verdict=compared_lines(compared),
         tables=[table["title"] for table in tables],

@@ -174,12 +174,12 @@ def _facts(scores: Scores, manifest: RunManifest) -> list[str]:
     facts = [finished.replace("T", " ").replace("+00:00", " UTC")] if finished else []
     facts += [f"commit {commit[:10]}{'-dirty' if commit.endswith('-dirty') else ''}"] if commit else []
     frames = sum(len(clip.frames) for clip in manifest.clips)
-    facts += [f"{counted(len(manifest.clips), 'clip')}, {counted(frames, 'frame')}"]
+    facts += [f"{printed_count(len(manifest.clips), 'clip')}, {printed_count(frames, 'frame')}"]
     return [*facts, f"n = {labelled:,} labelled frames of subjects".replace(",", " ")]
 
 
-def counted(n: int, what: str) -> str:
-    """A number and its noun, which gets an s."""
+def printed_count(n: int, what: str) -> str:
+    """A number, its thousands set apart, and its noun, which gets an s."""
     return f"{n:,} {what}{'' if n == 1 else 's'}".replace(",", " ")
 
 
