@@ -8,7 +8,7 @@ with the export that is read.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from harness.files.dialects import Row, is_missing, plain_name
@@ -94,16 +94,18 @@ def _of_eyelink(rows: Sequence[Row], path: Path) -> Sequence[Row]:
     ]
 
 
-_AOI_HIT = re.compile(r"AOI hit \[(?:.* - )?(.+)\]")
+_AOI_HIT = re.compile(r"AOI hit \[(?:(?P<stimulus>.*) - )?(?P<area>.+)\]")
 """A column of Tobii Pro Lab's data export: of a stimulus, such as a snapshot or a film, and an area of interest."""
 _SEEN, _NOT_SEEN = frozenset({"1", "1.0", "true"}), frozenset({"0", "0.0", "false"})
 _MOVEMENT, _FIXATION = "eye_movement_type", "fixation"
 """Its column of what the eyes did: in no area, they look at nothing only in a fixation, not in a blink or a saccade."""
+_MAPPED = "Mapped eye movement type [{}]"
+"""Its column of what the eyes did on a snapshot, to which not all that the glasses saw can be mapped."""
 
 
 def area_of(column: str) -> str | None:
     """The area of a column of Tobii Pro Lab; None for any other column."""
-    return match[1] if (match := _AOI_HIT.fullmatch(column)) else None
+    return match["area"] if (match := _AOI_HIT.fullmatch(column)) else None
 
 
 def with_target(rows: Sequence[Row], called: Mapping[int, str], path: Path) -> Sequence[Row]:
@@ -123,15 +125,29 @@ def with_target(rows: Sequence[Row], called: Mapping[int, str], path: Path) -> S
         return rows
     for place, (number, cell) in others.items():
         raise VfoaError(f"{path}:{number}: {header[place]}: found {cell[:40]!r}; expected 0, 1 or nothing")
-    movement = next((place for place, name in enumerate(header) if plain_name(name) == _MOVEMENT), None)
-    kept = [place for place in range(len(header)) if place not in (*targets, movement)]
+    movements = _movements(header, targets)
+    kept = [place for place in range(len(header)) if place not in (*targets, *movements.values())]
     table: list[Row] = [(line, [*(header[place] for place in kept), "target"])]
     for number, cells in lines:
         seen = _seen(cells, targets, f"{path}:{number}")
-        if seen == NOWHERE and movement is not None and cells[movement].lower() != _FIXATION:
+        if seen == NOWHERE and not _in_fixation(cells, movements):
             seen = ""
         table.append((number, [*(cells[place] for place in kept), seen]))
     return table
+
+
+def _movements(header: Sequence[str], targets: Iterable[int]) -> Mapping[int, int | None]:
+    """The column of what the eyes did, by that of a target: of its snapshot, or else of all; None without one."""
+    of_all = next((place for place, name in enumerate(header) if plain_name(name) == _MOVEMENT), None)
+    named = {name.lower(): place for place, name in enumerate(header)}
+    stimuli = {place: match["stimulus"] for place in targets if (match := _AOI_HIT.fullmatch(header[place]))}
+    return {place: named.get(_MAPPED.format(stimuli.get(place)).lower(), of_all) for place in targets}
+
+
+def _in_fixation(cells: Sequence[str], movements: Mapping[int, int | None]) -> bool:
+    """Whether the eyes rest where one of the targets could be; so they do without a column of what they did."""
+    given = [movement for place, movement in movements.items() if not is_missing(cells[place])]
+    return any(movement is None or cells[movement].lower() == _FIXATION for movement in given)
 
 
 def _other_cell(lines: Sequence[Row], place: int) -> tuple[int, str] | None:

@@ -154,6 +154,27 @@ def test_eyes_in_no_area_look_at_nothing_only_in_a_fixation(tmp_path: Path) -> N
     assert not [note for note in notes if "not read" in note]
 
 
+def test_eyes_on_a_snapshot_look_at_nothing_only_in_a_fixation_that_was_mapped_to_it(tmp_path: Path) -> None:
+    """Of a fixation of the glasses that could not be mapped, it writes 0 for each area of the snapshot, too."""
+    header = (
+        "Recording timestamp [ms]\tParticipant name\tMapped eye movement type [S]\tMapped eye movement type index [S]\t"
+        "Eye movement type\tAOI hit [S - bird]\tAOI hit [S - cup]\tAOI hit [Film - cup]\n"
+    )
+    types = (
+        ("Fixation\t1\tFixation", "1\t0\t"),
+        ("EyesNotFoundMovement\t1\tFixation", "0\t0\t"),
+        ("\t\tFixation", "0\t0\t"),
+        ("Fixation\t2\tSaccade", "0\t0\t"),
+        ("\t\tFixation", "\t\t0"),
+    )
+    rows = (f"{100 * place}\tgirl\t{kind}\t{hits}\n" for place, (kind, hits) in enumerate(types))
+    labels, notes = _read(tmp_path, header + "".join(rows))
+    assert labels == Labels([row(1, 1, "bird"), row(2, 3, "ignore", note="not labelled yet"), row(4, 5, "none")])
+    assert [note.partition("not read: ")[2] for note in notes if "not read" in note] == [
+        "Mapped eye movement type index [S]."
+    ]
+
+
 EYELINK = (
     "RECORDING_SESSION_LABEL\tTRIAL_INDEX\tCURRENT_FIX_START\tCURRENT_FIX_END\tCURRENT_FIX_INTEREST_AREA_LABEL\n"
     "girl\t1\t0\t200\tbird\ngirl\t1\t200\t399\t.\n"
