@@ -50,11 +50,8 @@ def angle_between(a: ArrayLike, b: ArrayLike) -> Float:
 
     Kahan's formula: 2 atan2(|a/|a| - b/|b||, |a/|a| + b/|b||).
     """
-    return _angle_of_units(unit(a), unit(b))
-
-
-def _angle_of_units(a: Float, b: Float) -> Float:
-    return np.asarray(2 * np.arctan2(length_of(a - b), length_of(a + b)))
+    first, second = unit(a), unit(b)
+    return np.asarray(2 * np.arctan2(length_of(first - second), length_of(first + second)))
 
 
 def sigma_rad(error_deg: float) -> float:

@@ -33,7 +33,7 @@ SAME_UNDER_ANOTHER_LABEL = 0.6
 VOTE_DECAY = 0.9
 """Factor of an object's votes for a label from one frame to the next."""
 MAJORITY = 2
-"""Another label is taken over when it has so many times the votes of the present one: after up to eleven frames."""
+"""Another label replaces the present one when it has this many times its votes: after up to eleven frames."""
 PATIENCE = 5
 """Longest gap of an object, in segmented frames: after it, its number is free. At 100 frames per second it is 0.2 s, as
 at 25 (:meth:`vfoa.times.Gap.is_within`)."""

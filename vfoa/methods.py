@@ -128,7 +128,7 @@ def boxes_of_others(subject: Subject, targets: tuple[Target, ...]) -> dict[int, 
 def answer_of(
     subject: Subject, totals: Mapping[int, float], nowhere: float, shares: tuple[float, float], **details: Any
 ) -> Attention:
-    """Return the attention of probabilities by instance id; the focus is None where ``nowhere`` has the greatest.
+    """Return the attention with these probabilities by instance id; no focus where ``nowhere`` is the greatest.
 
     ``shares`` are those of gaze and head in each total, NaN for a cue that was not measured; ``details`` are other
     fields of the attention.

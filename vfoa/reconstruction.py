@@ -274,7 +274,7 @@ def _patch(head: Head, instance_id: int | None, seen: ViewMaps, settings: Recons
 def _points_in(
     region: tuple[float, float, float, float], instance_id: int | None, seen: ViewMaps, most: int | None
 ) -> Float:
-    """At most so many points (N, 3) of the person's pixels in a region; of all pixels if the person is not known."""
+    """``most`` or fewer points (N, 3) of the person's pixels in a region; of all pixels if the person is not known."""
     window = window_of(*region, seen.rig)
     ids = seen.instances.ids[window]
     mask = np.full(ids.shape, True) if instance_id is None else np.equal(ids, instance_id)

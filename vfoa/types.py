@@ -562,7 +562,7 @@ class NoAttention(Enum):
     NO_OBJECT = "no_object"
     """The point that the person looks at lies on no target."""
     NO_HIT = "no_hit"
-    """Of a method that reads its answers: those of one whose rays hit nothing, and that cannot say "nowhere"."""
+    """Of a method that reads its answers: no ray of the other method hit a target, and it cannot say "nowhere"."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

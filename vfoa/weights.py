@@ -22,7 +22,7 @@ def platform_cache() -> Path:
     Raises
     ------
     VfoaError
-        If the user has no home directory, as one of a container that its system does not know.
+        If the user has no home directory, such as a user whom the system of a container does not know.
     """
     folder = Path()
     with suppress(RuntimeError):

@@ -24,13 +24,13 @@ def composed_name(name: str | None) -> str | None:
 
 
 def named_once(option: str, pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """What an option that can be given several times says of each name; raises VfoaError if it gives a name twice."""
-    said: dict[str, str] = {}
+    """The values, by name, of an option that may be repeated; raises VfoaError if a name is given twice."""
+    values: dict[str, str] = {}
     for name, value in pairs:
-        if name in said:
+        if name in values:
             raise VfoaError(f"{option}: {name!r} is given twice; expected each name once")
-        said[name] = value
-    return said
+        values[name] = value
+    return values
 
 
 def clip_names(incomplete: str) -> list[str]:

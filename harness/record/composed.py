@@ -207,7 +207,7 @@ def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[R
 
 
 def _clips(run: Path) -> list[RecordedClip]:
-    """Every clip of a run, with the configurations that were recorded; these may be none."""
+    """Every clip of a run, with its recorded configurations, if there are any."""
     manifest, recorded = RunDirectory(run).read_manifest(), []
     names = layer_names(manifest.configurations).values()
     for clip in manifest.clips:

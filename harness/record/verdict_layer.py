@@ -196,7 +196,7 @@ class _VerdictLayer:
         return judge_columns(columns, self._labels, (), self._traits, {})
 
     def _verdicts(self, block: Block) -> dict[int, list[Verdict]]:
-        """The verdicts of all subjects by frame; unscored of who is neither labelled nor found."""
+        """The verdicts of all subjects by frame: unscored for a subject who is neither labelled nor found."""
         nothing = Verdict(
             clip=self._files.clip,
             configuration=self._configuration,

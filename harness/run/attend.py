@@ -112,9 +112,9 @@ def _blocks(frames: Iterator[SceneFrame]) -> Iterator[Sequence[SceneFrame]]:
 def _in_turn(
     block: Sequence[SceneFrame], takes_many: Mapping[_Name, bool]
 ) -> Iterator[tuple[_Name, Sequence[SceneFrame]]]:
-    """Who attends to which frames of a block next: to all at once, or everyone to a frame before any to the next.
+    """Yield who attends next, and to which frames of a block: to all at once, or to one frame, each in turn.
 
-    So methods that ask the same of a frame, such as what of its targets is visible, share the answer.
+    In turn, methods that ask the same of a frame, such as which of its targets are visible, share the answer.
     """
     yield from ((name, block) for name, many in takes_many.items() if many)
     yield from ((name, (frame,)) for frame in block for name, many in takes_many.items() if not many)

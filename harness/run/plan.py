@@ -254,7 +254,7 @@ def describe(plan: Plan) -> RunManifest:
     Raises
     ------
     VfoaError
-        If weights are missing: which, how to fetch them, and what would do instead.
+        If weights are missing: which, how to fetch them, and which models can replace them.
     """
     configurations = plan.experiment.configurations
     weights = locate_weights(

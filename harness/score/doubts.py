@@ -23,7 +23,7 @@ COARSE_DEPTH_M = 0.25
 """Error of the depth of eyes by half a pixel of disparity above which it outweighs that of a gaze: at a thing that is a
 metre away, it is 14 degrees."""
 CUT_SHARE = 0.2
-"""Share of heads at the image's border above which it is told (`python -m scripts.measure cut_faces`)."""
+"""Share of heads at the image's border above which a note says so (`python -m scripts.measure cut_faces`)."""
 HELD_SHARE = 0.1
 """Share of boxes or eyes at the depth of an earlier frame above which a matcher is said to miss them."""
 
