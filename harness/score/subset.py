@@ -125,14 +125,16 @@ def subset(
     has_distances = any(condition.key in DISTANCES for condition in conditions)
     distances = measured_distances(columns(), labels) if has_distances else {}
     found: dict[str, Labels] = {}
+    seen = {condition.key: list[float]() for condition in conditions if condition.key in NUMBERS}
     for clip, of_clip in labels.items():
-        ranges = list(_ranges(clip, of_clip, conditions, frames[clip], times_ns.get(clip, ()), distances))
+        ranges = list(_ranges(clip, of_clip, conditions, frames[clip], times_ns.get(clip, ()), distances, seen))
         if ranges:
             found[clip] = Labels(ranges)
     if not found:
-        raise VfoaError(
-            f"--where {' --where '.join(each.text for each in conditions)}: no labelled frame of the run meets this"
-        )
+        asked = " --where ".join(each.text for each in conditions)
+        ends = {key: (round(min(values), 3), round(max(values), 3)) for key, values in seen.items() if values}
+        known = "".join(f"; {key} is {low} to {high}" for key, (low, high) in ends.items())
+        raise VfoaError(f"--where {asked}: no labelled frame of the run meets this{known}")
     return found
 
 
@@ -143,8 +145,9 @@ def _ranges(
     frames: Sequence[int],
     times_ns: Sequence[int],
     distances: Distances,
+    seen: Mapping[str, list[float]],
 ) -> Iterator[LabelRange]:
-    """Yield the ranges of a clip's frames that meet all conditions."""
+    """Yield the ranges of a clip's frames that meet all conditions; known numbers of labelled ones go to ``seen``."""
     seconds = [time / 1e9 for time in times_ns] or [math.nan] * len(frames)
     for subject in labels.subjects:
         met: list[tuple[int, Label | None]] = []
@@ -153,6 +156,8 @@ def _ranges(
         for frame, time_s, label, from_change_s in zip(frames, seconds, own, apart_s, strict=True):
             known = zip(DISTANCES, distances.get((clip, frame, subject), (math.nan, math.nan)), strict=True)
             numbers = {"time": time_s, "from_change": from_change_s, "frame": frame, **dict(known)}
+            for key, values in seen.items() if label else ():
+                values += [numbers[key]] if math.isfinite(numbers[key]) else []
             is_met = label and all(each.holds(clip, subject, label, numbers) for each in conditions)
             met.append((frame, label if is_met else None))
         yield from ranges_of(subject, met)

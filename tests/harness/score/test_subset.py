@@ -164,8 +164,9 @@ def test_one_clip_of_several(run: Path) -> None:
         ("time>soon", r"--where: found 'time>soon'; expected"),
         ("target=cop", r"--where: target 'cop': .*'cup'"),
         ("tag=fur", r"--where: tag 'fur': .*'far'"),
-        ("distance>1.01", r"--where distance>1\.01: "),
-        ("frame>99", "--where frame>99: "),
+        ("distance>1.01", r"--where distance>1\.01: .*; distance is 1.0 to 1.0$"),
+        ("frame>99", "--where frame>99: .*; frame is 1 to 6$"),
+        ("time>=0.25", r"--where time>=0\.25: .*; time is 0\.04 to 0\.24$"),
     ],
 )
 def test_a_wrong_condition_is_one_line(run: Path, text: str, message: str) -> None:
