@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from harness.sources.calibration import Calibration, from_projections
+from harness.sources.calibration import Calibration, ProjectionError, from_projections
 from harness.sources.calibration_files.documents import Document, numbers
 from harness.sources.rectification import (
     MODELS,
@@ -170,7 +170,12 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
                 )
             rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
         rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)
-        return rectify_pose(first, second, rotation, translation, where)
+        try:
+            return rectify_pose(first, second, rotation, translation, where)
+        except ProjectionError as error:
+            raise VfoaError(
+                f"{error}, and x_right = R x_left + T: if T is where the right camera stands, give T = -R times it"
+            ) from None
     there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
     if others := [name for name in document if _role(name) is None]:
         there += f" (and, not known, {listed(others, 8)})"

@@ -707,6 +707,16 @@ def test_a_baseline_with_its_unit_says_that_of_the_matrices(tmp_path: Path, said
     assert _raw([path], Options(baseline_m=0.3)).rectified().baseline_m == pytest.approx(0.3)
 
 
+def test_where_the_right_camera_stands_is_not_its_translation(tmp_path: Path) -> None:
+    """Written by hand, or of a program whose poses go from camera to room, T begins with the positive baseline."""
+    nodes = opencv_nodes(RIG)
+    path = write_yaml(tmp_path / "c.yaml", {name: value.tolist() for name, value in nodes.items()} | {
+        "T": (-nodes["R"].T @ nodes["T"].reshape(3)).tolist()
+    })  # fmt: skip
+    with pytest.raises(VfoaError, match=r"c\.yaml: .* baseline is -0\.1199.*x_right = R x_left \+ T.*T = -R times it"):
+        read_cameras([path], _size)
+
+
 def test_a_translation_is_in_the_unit_of_its_name(tmp_path: Path) -> None:
     lists = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
     translation_mm = (1000 * np.array(lists.pop("T"))).tolist()
