@@ -179,8 +179,8 @@ MUTATIONS = (
     Mutation(
         "a clip is marked finished before its recordings are closed",
         "harness/run/answers.py",
-        "        self._files.__exit__(kind, error, trace)\n",
-        "        self._files.__exit__(kind, error, trace)\n        if kind is None:\n            self.finish()\n",
+        "        self._files.__exit__(*error)\n",
+        "        self._files.__exit__(*error)\n        if error[0] is None:\n            self.finish()\n",
         "harness/run/test_recordings_kept.py",
     ),
     Mutation(
