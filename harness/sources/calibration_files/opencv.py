@@ -12,6 +12,7 @@ import numpy as np
 
 from harness.sources.calibration import Calibration, ProjectionError, from_projections
 from harness.sources.calibration_files.documents import Document, numbers
+from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.rectification import (
     MODELS,
     Cameras,
@@ -176,6 +177,11 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
             raise VfoaError(
                 f"{error}, and x_right = R x_left + T: if T is where the right camera stands, give T = -R times it"
             ) from None
+    if not matrices and (single := [name for name in document if _is_of_one_camera(name)]):
+        raise IncompleteCalibrationError(
+            f"{where}: found {listed(single, 4)} and no matrices of a pair; expected, of one with rectified images, "
+            "four numbers, --fx --cx --cy and --baseline in metres; of another, K1 D1 K2 D2 with R T or R1 R2 P1 P2"
+        )
     there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
     if others := [name for name in document if _role(name) is None]:
         there += f" (and, not known, {listed(others, 8)})"
@@ -220,6 +226,11 @@ def _check_model(document: Document, where: str) -> None:
             f"{where}: {name}: found a camera of cv2.omnidir, whose model is not read; expected one of "
             "cv2.stereoCalibrate or cv2.fisheye: calibrate again with one of these"
         )
+
+
+def _is_of_one_camera(name: str) -> bool:
+    """Whether a name is that of a camera matrix, or of a focal length in pixels, without a number or a side."""
+    return _plain(name) in _OF_A_CAMERA["K"] or re.fullmatch(r"(?:.*[_.])?fx(?:_px)?", name.lower()) is not None
 
 
 def is_distortion(name: object) -> bool:

@@ -490,6 +490,23 @@ def test_a_realsense_s_two_cameras_say_what_to_give(tmp_path: Path) -> None:
     assert len(find_calibrations(tmp_path, _size)[1]) == 2
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("camera.yaml", "fx: 700.0\nfy: 700.0\ncx: 640.0\ncy: 360.0\nbaseline: 0.12\n"),
+        ("zed.json", '{"left_camera": {"fx": 700.0, "cx": 640.0}, "baseline_mm": 120}'),
+        ("rig.json", '{"K": [[700, 0, 640], [0, 700, 360], [0, 0, 1]], "baseline": 0.12}'),
+        ("intrinsics.yaml", "camera_matrix: [700, 0, 640, 0, 700, 360, 0, 0, 1]\ndist_coeffs: [0.1, 0, 0, 0]\n"),
+    ],
+)
+def test_the_numbers_of_one_camera_are_named_with_the_options_for_them(name: str, content: str, tmp_path: Path) -> None:
+    """As people's scripts write them for depth from rectified images; the file alone does not say that they are."""
+    path = write_text(tmp_path / name, content)
+    with pytest.raises(VfoaError, match=rf"{name}: found .* and no matrices of a pair.*--fx --cx --cy and --baseline"):
+        read_cameras([path], _size)
+    assert len(find_calibrations(tmp_path, _size)[1]) == 1
+
+
 def test_cameras_of_camodocal_need_the_configuration_that_names_them(tmp_path: Path) -> None:
     path = calibrations.write_vins(tmp_path / "vins.yaml", RIG)
     with pytest.raises(VfoaError, match=r"vins\.yaml: the baseline is -0\.1199"):
