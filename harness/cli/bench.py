@@ -48,13 +48,13 @@ def bench(
     overwrite: Replace = False,
 ) -> None:
     """Measure the speed of stages, matchers, attention and networks, and the errors of matchers."""
-    from harness.bench import OF_IMAGES, SECTIONS, Bench
+    from harness.bench import SECTIONS, Bench
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write, check_new
     from harness.pipeline.weights import locate_weights
     from harness.report.formats import to_markdown
     from harness.run.experiment import is_experiment
-    from harness.run.plan import fetch_command, host, versions
+    from harness.run.plan import fetch_command
     from harness.sources import MeasuredClip
     from vfoa.onnx import check_provider
 
@@ -72,15 +72,7 @@ def bench(
     if out:
         check_new(out, replace=overwrite, hint=", or another --out", inputs=manifest.files)
     opened = manifest.open()
-    frames = tuple(opened.frames[:limit])
-    sections = only or list(SECTIONS)
-    if isinstance(opened, MeasuredClip):
-        if wrong := [section for section in only or () if section in OF_IMAGES]:
-            raise VfoaError(
-                f"bench: --only: {wrong[0]}: {manifest.name} holds measurements; expected a clip with images"
-            )
-        sections = [section for section in sections if section not in OF_IMAGES]
-        say(f"{manifest.name} holds measurements: without {', '.join(OF_IMAGES)}, which are of images.")
+    sections = _of_measurements(only, manifest.name) if isinstance(opened, MeasuredClip) else only or list(SECTIONS)
     if {*sections} - {"stereo", "realtime"}:  # which need no networks, or leave rows without them out
         choices = [choice for configuration in chosen.configurations for choice in configuration.stages]
         locate_weights(choices, fetch_command(manifest.name) if name == "default" else None)
@@ -88,7 +80,7 @@ def bench(
         name=name,
         experiment=chosen,
         manifest=manifest,
-        frames=frames,
+        frames=tuple(opened.frames[:limit]),
         provider=provider,
         overrides=changes,
     )
@@ -98,8 +90,23 @@ def bench(
         print_reports(of_section)
         tables += of_section
     if out:
-        machine = ", ".join(f"{key} {value}" for key, value in {**host(), **versions()}.items())
-        command = vfoa_command(*sys.argv[1:])
-        load = f"Load of the machine at the end, in processes: {os.getloadavg()[0]:.1f}."
-        head = f"# Benchmark\n\n`{command}`: {machine}. {load}\n\n"
-        atomic_write(out, head + "\n".join(to_markdown(table, level=2) for table in tables))
+        atomic_write(out, _heading() + "\n".join(to_markdown(table, level=2) for table in tables))
+
+
+def _of_measurements(only: list[str] | None, clip: str) -> list[str]:
+    """The sections for a clip without images: those that were asked for, or all that need none."""
+    from harness.bench import OF_IMAGES, SECTIONS
+
+    if wrong := [section for section in only or () if section in OF_IMAGES]:
+        raise VfoaError(f"bench: --only: {wrong[0]}: {clip} holds measurements; expected a clip with images")
+    say(f"{clip} holds measurements: without {', '.join(OF_IMAGES)}, which are of images.")
+    return [section for section in only or SECTIONS if section not in OF_IMAGES]
+
+
+def _heading() -> str:
+    """The first lines of the file of tables: the command, and the machine that has measured."""
+    from harness.run.plan import host, versions
+
+    machine = ", ".join(f"{key} {value}" for key, value in {**host(), **versions()}.items())
+    load = f"Load of the machine at the end, in processes: {os.getloadavg()[0]:.1f}."
+    return f"# Benchmark\n\n`{vfoa_command(*sys.argv[1:])}`: {machine}. {load}\n\n"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from mimetypes import guess_type
 from pathlib import Path
 from urllib.parse import quote, urlencode
@@ -72,26 +73,50 @@ def site(
     more
         Further routes; one of ``/`` replaces the page.
     """
-    numbered = list(recordings.values())
+    served = _Served(recordings=recordings, viewer=viewer, page=page)
+    return Starlette(
+        routes=[
+            *more,
+            Route("/", served.show_page),
+            Route("/open", served.open_recording),
+            Route("/files/{number:int}/{file:int}.rrd", served.recorded_file),
+            Route("/files/{number:int}/layout.rbl", served.layout),
+            Route(VIEWER, served.viewer_file),
+            Route(VIEWER + "{name}", served.viewer_file),
+        ],
+        # an error in the run's files is an answer of one line
+        exception_handlers={VfoaError: lambda _, error: PlainTextResponse(f"{error}\n", 500)},
+    )
 
-    def show_page(request: Request) -> Response:
-        if page is None:
-            return RedirectResponse(open_path(next(iter(recordings)), None))
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Served:
+    """The answers to requests; ``recordings``, ``viewer`` and ``page`` are those of :func:`site`."""
+
+    recordings: Mapping[str, Composed]
+    viewer: Mapping[str, bytes]
+    page: Callable[[str], str] | None
+
+    def show_page(self, request: Request) -> Response:
+        """The page, or an address that opens the first recording."""
+        if self.page is None:
+            return RedirectResponse(open_path(next(iter(self.recordings)), None))
         where = request.query_params.get("where", "")
         try:
-            return HTMLResponse(page(where), headers={"Content-Security-Policy": PAGE_POLICY})
+            return HTMLResponse(self.page(where), headers={"Content-Security-Policy": PAGE_POLICY})
         except VfoaError as error:
             return PlainTextResponse(f"{error}\n", 400 if where else 500)
 
-    def open_recording(request: Request) -> Response:
+    def open_recording(self, request: Request) -> Response:
+        """The address of the viewer with a recording, at a frame and with a tab in front."""
         name, frame = request.query_params.get("recording", ""), request.query_params.get("frame")
-        if name not in recordings:
+        if name not in self.recordings:
             raise HTTPException(404, f"There is no recording {name!r} here.")
         if frame is not None and not _FRAME.fullmatch(frame):
             raise HTTPException(400, f"frame: expected a number, found {frame!r}.")
-        recording = recordings[name]
+        recording = self.recordings[name]
         recording.expect_files()
-        place = f"/files/{numbered.index(recording)}"
+        place = f"/files/{self._numbered().index(recording)}"
         query = [("files", f"{place}/{number}.rrd") for number in range(len(recording.files))]
         who = request.query_params.get("subject")
         have_video = [has_video(file) for file in recording.files]  # all are read: a damaged one is an error here
@@ -104,43 +129,35 @@ def site(
         query += [(key, value) for key, value in about.items() if value is not None]
         return RedirectResponse(f"{VIEWER}?{urlencode(query)}")
 
-    def recorded_file(request: Request) -> Response:
+    def recorded_file(self, request: Request) -> Response:
+        """A file of a recording, by their numbers."""
         number, file = request.path_params["number"], request.path_params["file"]
-        if number >= len(numbered) or file >= len(numbered[number].files):
+        recordings = self._numbered()
+        if number >= len(recordings) or file >= len(recordings[number].files):
             raise HTTPException(404, "There is no such recording here.")
-        numbered[number].expect_files()
-        return FileResponse(numbered[number].files[file], media_type=_BINARY)
+        recordings[number].expect_files()
+        return FileResponse(recordings[number].files[file], media_type=_BINARY)
 
-    def layout(request: Request) -> Response:
-        number = request.path_params["number"]
-        who = request.query_params.get("subject")
-        made = numbered[number].layout(who) if number < len(numbered) else None
+    def layout(self, request: Request) -> Response:
+        """The layout of a recording, by its number."""
+        number, recordings = request.path_params["number"], self._numbered()
+        made = recordings[number].layout(request.query_params.get("subject")) if number < len(recordings) else None
         if made is None:
             raise HTTPException(404, "There is no such layout here.")
         with tempfile.TemporaryDirectory() as scratch:
-            made.save(numbered[number].application_id, str(Path(scratch) / "layout.rbl"))
+            made.save(recordings[number].application_id, str(Path(scratch) / "layout.rbl"))
             return Response((Path(scratch) / "layout.rbl").read_bytes(), media_type=_BINARY)
 
-    def viewer_file(request: Request) -> Response:
+    def viewer_file(self, request: Request) -> Response:
+        """A file of the web viewer."""
         name = request.path_params.get("name", "viewer.html")
-        if name not in viewer:
+        if name not in self.viewer:
             raise HTTPException(404, "The viewer has no such file.")
         headers = {"Content-Security-Policy": VIEWER_POLICY}
-        return Response(viewer[name], media_type=guess_type(name)[0], headers=headers)
+        return Response(self.viewer[name], media_type=guess_type(name)[0], headers=headers)
 
-    return Starlette(
-        routes=[
-            *more,
-            Route("/", show_page),
-            Route("/open", open_recording),
-            Route("/files/{number:int}/{file:int}.rrd", recorded_file),
-            Route("/files/{number:int}/layout.rbl", layout),
-            Route(VIEWER, viewer_file),
-            Route(VIEWER + "{name}", viewer_file),
-        ],
-        # an error in the run's files is an answer of one line
-        exception_handlers={VfoaError: lambda _, error: PlainTextResponse(f"{error}\n", 500)},
-    )
+    def _numbered(self) -> list[Composed]:
+        return [*self.recordings.values()]
 
 
 def open_path(name: str, frame: int | None = None, subject: str | None = None) -> str:

@@ -110,22 +110,29 @@ def run_plan(
         if cache:
             check_writable(cache.root)
         modules, shared_file = plan.deciding_modules, directory.manifest
-        try:
+        with _saying_what_is_kept(directory, cache, tell):
             with executor(workers, scheduler, threads=threads, modules=modules, shared_file=shared_file) as chosen:
                 results = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress)
             _finish(plan, directory, of_run, results, started)
-        except KeyboardInterrupt:
-            perceived = ", and stage outputs in the cache" if cache else ""
-            tell(f"interrupted: finished clips are kept in {directory.path}{perceived}; the same command continues")
-            raise
-        except OSError as error:
-            if error.errno not in _NO_ROOM and error.filename is None:
-                raise
-            reason = f"{error.strerror}; finished clips are kept, and the same command continues"
-            raise OSError(error.errno, reason, error.filename or str(directory.path)) from error
     for line in cache_lines(results.account.rows()):
         tell(line)
     return directory
+
+
+@contextmanager
+def _saying_what_is_kept(directory: RunDirectory, cache: Store | None, tell: Callable[[str], None]) -> Iterator[None]:
+    """Say what an interrupted run keeps, or one that can write no more: ``tell`` is called, or the error says it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        perceived = ", and stage outputs in the cache" if cache else ""
+        tell(f"interrupted: finished clips are kept in {directory.path}{perceived}; the same command continues")
+        raise
+    except OSError as error:
+        if error.errno not in _NO_ROOM and error.filename is None:
+            raise
+        reason = f"{error.strerror}; finished clips are kept, and the same command continues"
+        raise OSError(error.errno, reason, error.filename or str(directory.path)) from error
 
 
 def _is_done(plan: Plan, directory: RunDirectory, retry_failed: bool) -> bool:

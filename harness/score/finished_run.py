@@ -161,15 +161,6 @@ class FinishedRun:
             conditions += [unlabelled(name, "no labelled frame meets the conditions, not scored.") for name in emptied]
             conditions.append(Note(f"Only frames with {' and '.join(each.text for each in where)}."))
         of_clips = grouped((note, clip.name) for clip in run.clips for note in clip.notes)
-        changed: list[str] = []
-        for clip in run.clips:
-            manifest, digest = manifests[clip.name], (run.run_labels_sha256 or run.labels_sha256).get(clip.name)
-            is_relabelled = manifest.annotations.digest(run.annotator) != digest
-            if is_relabelled and annotator == run.annotator and digest is not None:
-                changed.append(_label_note(clip, manifest, annotator))
-            changed += _name_notes(clip, manifest)
-            if is_relabelled and compare_content:
-                changed += _content_notes(clip, manifest, self.directory.noted_inputs)
         return Reference(
             labels=labels,
             all_labels=whole if where else None,
@@ -180,7 +171,7 @@ class FinishedRun:
                 *map(Note, carried_mask_notes(run.configurations)),
                 *([Note(f"Scored against the labels of {annotator!r}.")] if annotator else []),
                 *(Note(f"{', '.join(clips)}: {note}") for note, clips in of_clips.items()),
-                *map(Note, changed),
+                *map(Note, self._changes(manifests, compare_content)),
                 *_twice_notes(clip for clip in run.clips if clip.name in labels),
                 *self._unlabelled_notes(without_labels),
                 *conditions,
@@ -194,6 +185,18 @@ class FinishedRun:
             phases={name: manifests[name].phase_of_things() for name in read if manifests[name].phases},
             is_recorded=run.recording is not None,
         )
+
+    def _changes(self, manifests: Mapping[str, ClipManifest], compare_content: bool) -> Iterator[str]:
+        """What has changed since the run: labels, names and, with ``compare_content``, the clips."""
+        run = self.manifest
+        for clip in run.clips:
+            manifest, digest = manifests[clip.name], (run.run_labels_sha256 or run.labels_sha256).get(clip.name)
+            is_relabelled = manifest.annotations.digest(run.annotator) != digest
+            if is_relabelled and run.scored_annotator == run.annotator and digest is not None:
+                yield _label_note(clip, manifest, run.annotator)
+            yield from _name_notes(clip, manifest)
+            if is_relabelled and compare_content:
+                yield from _content_notes(clip, manifest, self.directory.noted_inputs)
 
     def note_labels(self) -> None:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""
