@@ -73,7 +73,7 @@ def site(
     more
         Further routes; one of ``/`` replaces the page.
     """
-    served = _Served(recordings=recordings, viewer=viewer, page=page)
+    served = _SiteHandlers(recordings=recordings, viewer=viewer, page=page)
     return Starlette(
         routes=[
             *more,
@@ -90,7 +90,7 @@ def site(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Served:
+class _SiteHandlers:
     """The answers to requests; ``recordings``, ``viewer`` and ``page`` are those of :func:`site`."""
 
     recordings: Mapping[str, Composed]
