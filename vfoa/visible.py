@@ -38,10 +38,10 @@ def visible_targets(
     """Return each target as seen from ``origin`` (3,), through everything in front of it.
 
     A target is its box or, with ``clouds``, its cloud as the camera saw it, if any target has one. People are looked at
-    in the face, if their eye origin is known: ``eyes`` are those of other people by instance id. Left out are targets
-    without a box, and targets without a cloud if clouds are asked for and other targets have one. Configurations that
-    ask for the same targets one after the other share an answer: also those with clouds and with boxes, where no target
-    has a cloud.
+    in the face, if their eye origin is known and another point: ``eyes`` are those of other people by instance id. Left
+    out are targets without a box, and targets without a cloud if clouds are asked for and other targets have one.
+    Configurations that ask for the same targets one after the other share an answer: also those with clouds and with
+    boxes, where no target has a cloud.
     """
     clouds = clouds and any(len(target.points_left) for target in targets)
     asked = origin.tobytes(), tuple((number, eyes[number].tobytes()) for number in sorted(eyes)), clouds
@@ -63,9 +63,8 @@ def _visible_targets(
     lengths = length_of(means)
     directions, variances = means / lengths[:, None], 1 - lengths
     for row, number in enumerate(ids):
-        if number in eyes:
-            towards = eyes[number] - origin
-            distance = length_of(towards)
+        towards = eyes.get(number, origin) - origin
+        if (distance := length_of(towards)) > 0:
             directions[row], variances[row] = towards / distance, (FACE_RADIUS_M / distance) ** 2
     return VisibleTargets(ids=ids, directions=directions, variances=variances)
 

@@ -63,6 +63,14 @@ def test_people_are_looked_at_in_the_face():
     assert visible_targets(EYES, (body,), {}).directions[0, 1] > 0.1
 
 
+def test_a_person_whose_eyes_are_at_the_same_place_is_seen_as_a_box():
+    """Such as one person under two names: there is no direction to the face."""
+    body = make_target(7, make_box((0, 0, 0.1), 0.3))
+    seen, as_box = (visible_targets(EYES, (body,), eyes) for eyes in ({7: EYES}, {}))
+    np.testing.assert_array_equal(seen.directions, as_box.directions)
+    np.testing.assert_array_equal(seen.variances, as_box.variances)
+
+
 def test_eyes_within_a_box_see_it_everywhere():
     views = visible_targets(EYES, (make_target(1, make_box((0, 0, 0.1), 1.0)),), {})
     assert views.ids == (1,)
