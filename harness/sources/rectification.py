@@ -285,10 +285,9 @@ def rectify_pose(left: RawCamera, right: RawCamera, rotation: Float, translation
     if translation.shape != (3,) or not np.isfinite(translation).all() or not translation.any():
         raise VfoaError(f"{where}: T: found {translation.tolist()}; expected three finite numbers that are not all 0")
     along = cv2.Rodrigues(-0.5 * cv2.Rodrigues(rotation)[0])[0] @ translation  # in axes between those of both
-    if abs(along[1]) > abs(along[0]):
-        raise VfoaError(
-            f"{where}: T: {translation.tolist()}: the cameras stand above each other; expected side by side"
-        )
+    for axis, how in ((1, "above each other"), (2, "one behind the other, by a calibration that probably failed")):
+        if abs(along[axis]) > abs(along[0]):
+            raise VfoaError(f"{where}: T: {translation.tolist()}: the cameras stand {how}; expected side by side")
     try:
         r1, r2, p1, p2 = _rectification(left, right, rotation, translation)
     except cv2.error as error:

@@ -233,6 +233,7 @@ def test_the_view_of_wide_fisheye_lenses_is_about_the_axis(
         ({"translation": np.array([0.01, -0.1, 0])}, r"T: .* above each other"),
         ({"translation": np.array([0.01, 0.1, 0])}, r"T: .* above each other"),
         ({"translation": np.array([0.1, 0.01, 0])}, "expected a positive one"),
+        ({"translation": np.array([-0.1, 0.02, 0.15])}, r"T: .* one behind the other.*failed"),  # of few boards
     ],
 )
 def test_cameras_that_are_no_pair_side_by_side_are_refused(changes: dict[str, Any], message: str) -> None:
