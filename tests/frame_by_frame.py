@@ -197,14 +197,6 @@ def _confidence(subject: SubjectRecord) -> float | None:
     return None if chance is None else min(chance, 1.0)
 
 
-def judge_absent(
-    clip: str, configuration: str, frame: int, subject: str, label: Label, traits: AnswerTraits = PLAIN
-) -> Verdict:
-    """Judge a labelled frame without a record: it is wrong, like any frame without a prediction."""
-    empty = FrameRecord(clip=clip, configuration=configuration, frame=frame, time_ns=0, targets=(), subjects=())
-    return judge(empty, subject, label, traits)
-
-
 def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
     """Return the instances that the label names in this frame, each of them a right focus; None means nowhere."""
     if label.target == NOWHERE:

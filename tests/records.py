@@ -15,7 +15,6 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.fitted import FitRecord
 from harness.run.manifest import ClipOfRun, RunManifest
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
-from harness.score.judged_subjects import JudgedSubject
 from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.score import score as score_columns
@@ -204,8 +203,3 @@ def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
 def texts_of(scores: Scores) -> dict[str, str]:
     """Every table of a run, by file name."""
     return render_tables(scores, run_tables(scores))
-
-
-def collect_judged(records: Iterable[FrameRecord], reference: Reference) -> list[JudgedSubject]:
-    """The outcomes of records."""
-    return [*score(records, reference).judged_subjects]

@@ -62,7 +62,6 @@ name = "flat"
 stereo.matcher = "flat"
 """
 SAID = 'frame 4: stereo.matcher = "flat", match: ZeroDivisionError: division by zero'
-BROKEN = ("alley", "broken")
 
 
 @pytest.fixture(scope="module")

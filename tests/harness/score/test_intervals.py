@@ -36,10 +36,6 @@ def _run(rng: np.random.Generator, clips: int, looks: int = 5, signed: bool = Fa
     )
 
 
-def _of_clips(units: Units) -> tuple[np.ndarray, np.ndarray]:
-    return np.bincount(units.clips, units.values), np.bincount(units.clips, units.frames)
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_the_standard_error_is_that_of_a_clustered_regression(seed: int) -> None:
     import statsmodels.api as sm

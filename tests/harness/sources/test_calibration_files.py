@@ -896,7 +896,6 @@ def _two_zeds(root: Path) -> list[Path]:
 
 
 FIRST = Options(calibration_cameras=(0, 1))
-UNSET = np.zeros((4, 4)).tolist()
 IN_COLUMNS = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [-0.12, 0, 0, 1]]
 """A pose by columns."""
 
