@@ -118,32 +118,22 @@ def run(
         _refuse_options(context, "paper_cases", ("out",))
         _run_paper_cases(out)
         return
-    from harness.files.folders import OTHER_RUNS
     from harness.report.experiment_run import run_whole
     from harness.report.write import rescore
 
-    named = what or [_only_experiment()]
-    experiment = experiment_of(named, tuple(clips or ()), tuple(overrides or ()), preset, more=OTHER_RUNS)
-    if annotator:
-        experiment = replace(experiment, annotator=annotator, given=experiment.given | {"annotator"})
-    store = None if no_cache else open_store(cache)
+    experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()), preset, annotator, oracle=oracle)
     notices: list[str] = []
-    folder = out_folder(out or Path("runs") / experiment.name)
-    if oracle:
-        from harness.score.oracle_ablation import with_oracle_ablation
-
-        experiment = with_oracle_ablation(experiment)
     with exit_if_interrupted(notices):
         plan, directory = run_whole(
             experiment,
-            folder,
+            out_folder(out or Path("runs") / experiment.name),
             workers=workers or cores(),
             threads=threads or cores(),
             scheduler=scheduler,
             limit=limit,
             recording=recording,
             bar=frames_bar,
-            cache=store,
+            cache=None if no_cache else open_store(cache),
             tell=notices.append,
             next_free=out is None,
             retry_failed=retry_failed,
@@ -244,6 +234,25 @@ def _report_failures(directory: RunDirectory) -> None:
     if failed:
         say(f"vfoa: {len(failed)} failed; run again with --retry-failed when the cause is fixed", err=True)
         raise typer.Exit(1)
+
+
+def _experiment(
+    what: list[str] | None,
+    clips: tuple[str, ...],
+    overrides: tuple[str, ...],
+    preset: str | None,
+    annotator: str | None,
+    *,
+    oracle: bool,
+) -> Experiment:
+    """The experiment of these arguments of ``vfoa run``; without a name, that of the working directory."""
+    from harness.files.folders import OTHER_RUNS
+    from harness.score.oracle_ablation import with_oracle_ablation
+
+    experiment = experiment_of(what or [_only_experiment()], clips, overrides, preset, more=OTHER_RUNS)
+    if annotator:
+        experiment = replace(experiment, annotator=annotator, given=experiment.given | {"annotator"})
+    return with_oracle_ablation(experiment) if oracle else experiment
 
 
 def experiment_of(
