@@ -39,6 +39,8 @@ _TARGET_COLOURS: tuple[Colour, ...] = (
     (225, 190, 225),
 )
 
+ARROW_M = 0.25
+"""Length of the arrow of a direction."""
 RIM = 32
 _RIBS = 4
 

@@ -11,6 +11,7 @@ import rerun as rr
 from harness.labels.labels import NOWHERE
 from harness.record import entities
 from harness.record.appearance import (
+    ARROW_M,
     CUE_COLOURS,
     Colour,
     Colours,
@@ -27,8 +28,6 @@ from harness.record.images import class_context, png
 from harness.run.records import FrameRecord
 from vfoa.geometry import quaternion
 from vfoa.types import CUES, Attention, Cone, Disparity, FrameResult, Rays, Scene
-
-ARROW_M = 0.25
 
 CLOUD_POINTS = 100
 """Most points of a cloud: enough to show its shape and its outliers."""

@@ -13,7 +13,7 @@ from harness.files.groups import grouped
 from harness.files.io import atomic_write
 from harness.report.benchmark import MATERIALS
 from harness.report.formats import UNKNOWN, Table, number, percent, percent_range, to_csv, to_markdown
-from harness.report.page.render import render_tables
+from harness.report.page.render import page_of_tables
 from harness.report.verdict import verdict_lines
 from harness.score.calibration import reliabilities
 from harness.score.score import Scores
@@ -132,7 +132,7 @@ def write_benchmark(folder: Path, scores: Mapping[str, Scores], tables: tuple[Ta
     links = {MATERIALS[name].title: f"{name}/report.html" for name in scores}
     page = folder / "benchmark.html"
     atomic_write(
-        page, render_tables("Every method on every material", facts, benchmark_lines(scores, tables[1]), tables, links)
+        page, page_of_tables("Every method on every material", facts, benchmark_lines(scores, tables[1]), tables, links)
     )
     return page
 

@@ -64,7 +64,7 @@ _TERMINAL_NOTES = {
 
 SHARES, LOSSES = ("balanced_frr", "recall_targets", "recall_nowhere"), ("log_loss", "brier")
 """The metrics of the main table, beside the FRR, which alone would reward the answer "nowhere"."""
-MOST_ROWS = 12
+MOST_SHOWN = 12
 """Most configurations that the terminal shows unasked."""
 MOST_PRINTED_ROWS = 40
 """Most rows of a table that floats on a printed page: LaTeX cuts off what is beyond its end."""
@@ -132,11 +132,11 @@ def frr_table(scores: Scores) -> Table:
 
 
 def summary_table(scores: Scores) -> tuple[Table, int | None]:
-    """A row for each configuration over all clips, at most :data:`MOST_ROWS`, and the place of the best one in it."""
+    """A row for each configuration over all clips, at most :data:`MOST_SHOWN`, and the place of the best one in it."""
     rows = compared_rows(scores)
-    kept = sorted(sorted(range(len(rows)), key=lambda place: -rows[place].frr)[:MOST_ROWS])
+    kept = sorted(sorted(range(len(rows)), key=lambda place: -rows[place].frr)[:MOST_SHOWN])
     shown = [rows[place] for place in kept]
-    left_out = f" The best {MOST_ROWS} of {len(rows)} configurations." if len(rows) > MOST_ROWS else ""
+    left_out = f" The best {MOST_SHOWN} of {len(rows)} configurations." if len(rows) > MOST_SHOWN else ""
     has_losses = any(not math.isnan(row.metrics["log_loss"]) for row in shown)
     warnings = [note.text for note in scores.notes if note.kind in WARNINGS]
     columns = "Log loss | Baseline % | Beaten" if has_losses else "Baseline % | Beaten | No hit %"  # all do not fit

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from harness.labels.labels import NOWHERE
 from harness.record.appearance import Colours
-from harness.run.columns import UNKNOWN as UNKNOWN_WORD
-from harness.run.columns import PairColumns
+from harness.run.columns import UNKNOWN, PairColumns
 from harness.run.directory import Pair
 from harness.score.verdict_columns import SubjectVerdicts
 from vfoa.types import CUES, Codes, Float
@@ -55,7 +54,7 @@ Bytes = NDArray[np.uint8]
 
 SCALE = 250
 """Attention is stored in steps of 1 / SCALE; the run's tables have all digits."""
-UNKNOWN = 255
+NO_VALUE = 255
 """Not measured, or no attention in this frame."""
 PARTS = ("total", *CUES)
 MOST_BYTES = 3_000_000
@@ -93,7 +92,7 @@ class AttentionPart:
         the rest up to 1.
         """
         scene, words = columns.scene, columns.words
-        named = np.flatnonzero(scene.person_names != UNKNOWN_WORD)
+        named = np.flatnonzero(scene.person_names != UNKNOWN)
         _, first = np.unique(scene.person_at[named] * len(words) + scene.person_names[named], return_index=True)
         is_subject = np.zeros(len(scene.person_at), dtype=np.bool_)
         is_subject[named[first]] = True
@@ -114,7 +113,7 @@ class AttentionPart:
         if probabilistic:
             looking, places = np.unique(people, return_inverse=True)
             nowhere = _bytes(np.maximum(1 - np.bincount(places, columns.total[entries]), 0))
-            values = np.stack([nowhere, *(np.full_like(nowhere, UNKNOWN) for _ in CUES)])
+            values = np.stack([nowhere, *(np.full_like(nowhere, NO_VALUE) for _ in CUES)])
             for code in np.unique(scene.person_names[looking]).tolist():
                 own = scene.person_names[looking] == code
                 frames = scene.frames[scene.person_at[looking[own]]]
@@ -142,7 +141,7 @@ def attended(attention: RunAttention, pair: Pair, subject: str) -> AttentionByTa
     return {
         name: found
         for name, found in of_subject.items()
-        if ((found.values[totals] > 0) & (found.values[totals] < UNKNOWN)).any()
+        if ((found.values[totals] > 0) & (found.values[totals] < NO_VALUE)).any()
     }
 
 
@@ -158,17 +157,17 @@ def frames_of(judged: BySubject) -> NDArray[np.int64]:
 
 
 def aligned(found: TargetValues, frames: NDArray[np.int64]) -> Bytes:
-    """A target's values (:data:`PARTS`, frames) at these frames; :data:`UNKNOWN` if there are none."""
+    """A target's values (:data:`PARTS`, frames) at these frames; :data:`NO_VALUE` if there are none."""
     _, here, there = np.intersect1d(found.frames, frames, assume_unique=True, return_indices=True)
-    values = np.full((len(PARTS), len(frames)), UNKNOWN, dtype=np.uint8)
+    values = np.full((len(PARTS), len(frames)), NO_VALUE, dtype=np.uint8)
     values[:, there] = found.values[:, here]
     return values
 
 
 def _bytes(values: Float) -> Bytes:
-    """A byte for each value; :data:`UNKNOWN` for NaN."""
+    """A byte for each value; :data:`NO_VALUE` for NaN."""
     known = np.rint(SCALE * np.nan_to_num(values)).clip(0, SCALE)
-    return np.where(np.isnan(values), UNKNOWN, known).astype(np.uint8)
+    return np.where(np.isnan(values), NO_VALUE, known).astype(np.uint8)
 
 
 def pack_attention(

@@ -143,7 +143,7 @@ def _figures(scores: Scores, tables: RunTables) -> dict[str, Any]:
     }
 
 
-def render_tables(
+def page_of_tables(
     title: str,
     facts: Sequence[str],
     answer: Sequence[str],

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness.files.io import replacing
 from harness.pipeline.perception import SharedFrame
-from harness.record.appearance import cone_wires, reach_m
+from harness.record.appearance import ARROW_M, cone_wires, reach_m
 from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.run.frame_sink import FinishedFrame
 from harness.run.records import FrameRecord
@@ -26,7 +26,6 @@ WIDTH_PX = 360
 QUALITY = 52
 METHOD = 2
 """WebP's effort, 0 (fastest) to 6: the default, 4, takes twice as long for as many bytes and 0.5 dB less noise."""
-ARROW_M = 0.25
 NEAR_M = 0.05
 """A line that comes nearer to the camera's plane than this is not drawn: it would extend to infinity."""
 RIM = 16
