@@ -89,8 +89,9 @@ class Composed:
 
         frames = self.frames or RecordingFile(self.files[0]).frames()
         if frame not in frames:
-            nearest = sorted(sorted(frames, key=lambda each: abs(each - frame))[:2])
-            known = f"{min(frames)} to {max(frames)}, such as {' or '.join(map(str, nearest))}" if frames else "(none)"
+            below, above = [each for each in frames if each < frame], [each for each in frames if each > frame]
+            nearest = " or ".join(str(each) for each in (*sorted(below)[-1:], *sorted(above)[:1]))
+            known = f"{min(frames)} to {max(frames)}, such as {nearest}" if frames else "(none)"
             raise VfoaError(f"{self.files[0]}: found no frame {frame}; expected one of {known}")
 
 
@@ -192,7 +193,10 @@ def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[R
     """
     clips = [recorded_clip for recorded_clip in _clips(run) if recorded_clip.layers]
     if not clips:
-        raise VfoaError(f"{run}: expected recordings (*.rrd), found none; was it run with --recording none?")
+        why = "was it run with --recording none?"
+        if not RunDirectory(run).read_manifest().finished:
+            why = "the run is not finished: repeat the same `vfoa run` to continue it"
+        raise VfoaError(f"{run}: expected recordings (*.rrd), found none; {why}")
     if clip is not None:
         known = [recorded_clip.files.clip for recorded_clip in clips]
         clips = [recorded_clip for recorded_clip in clips if recorded_clip.files.clip == clip]

@@ -24,6 +24,7 @@ from harness.record.composed import Composed, find_clips, find_recordings
 from harness.record.excerpt import write_excerpt
 from harness.record.reading import RecordingFile, first_shapes
 from harness.record.viewer import screenshot
+from harness.run.directory import RunDirectory
 from tests.harness.record.conftest import ANN, CONFIGURATION, Columns, write_run
 from vfoa.errors import VfoaError
 from vfoa.geometry import box_corners
@@ -300,7 +301,11 @@ def test_recordings_are_found_by_clip_and_configuration(frames, tmp_path):
         find_recordings(tmp_path / "nowhere", None, None)
     for path in run.glob("*.rrd"):
         path.unlink()
-    with pytest.raises(VfoaError, match="found none"):
+    with pytest.raises(VfoaError, match="found none; was it run with --recording none"):
+        find_recordings(run, None, None)
+    directory = RunDirectory(run)
+    directory.write_manifest(directory.read_manifest().model_copy(update={"finished": None}))
+    with pytest.raises(VfoaError, match="found none; the run is not finished"):
         find_recordings(run, None, None)
 
 
