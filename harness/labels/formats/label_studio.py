@@ -7,8 +7,9 @@
     {"type": "labels", "from_name": "anna", "to_name": "audio",
      "value": {"start": 0.52, "end": 1.4, "channel": 0, "labels": ["cup"]}}]}]}]
 
-Frames count from 1, and a range holds its last one. They are those of the ``frameRate`` of the tag Video, 24 where it
-is not set, whatever the film's rate is, and the file does not hold it. Regions of sound have seconds.
+Frames count from 1, and a range holds its last one, unless the next range of the tag begins with it. They are those of
+the ``frameRate`` of the tag Video, 24 where it is not set, whatever the film's rate is, and the file does not hold it.
+Regions of sound have seconds.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +79,7 @@ class LabelStudio(ReadOnly):
         films = [_film(task) for task in tasks]
         film = exchange.film_of(films, path)
         regions = _chosen([task for task, name in zip(tasks, films, strict=True) if name == film], exchange, path)
+        shared = _part_shared_frames(regions)
         tiers = defaultdict[str, list[Annotation]](list)
         for region in regions:
             for start_ms, end_ms, labels in _spans(region, exchange.fps, f"{path}: region of {region.from_name!r}"):
@@ -89,7 +92,9 @@ class LabelStudio(ReadOnly):
             ("task", "of other films"): sum(name != film for name in films),
             ("region", "not of a timeline or of sound"): sum(not _is_read(region) for region in regions),
         }
-        notes = (f"{path}: left out: {counted(n, noun)} {more}." for (noun, more), n in left_out.items() if n)
+        notes = [f"{path}: left out: {counted(n, noun)} {more}." for (noun, more), n in left_out.items() if n]
+        if shared:
+            notes.append(f"{path}: {counted(shared, 'frame')} ended a range and began the next: labelled as the next.")
         return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
 
@@ -120,6 +125,22 @@ def _chosen(tasks: Sequence[_StudioTask], exchange: Exchange, path: Path) -> lis
         listed = ", ".join(found) or "none"
         raise VfoaError(f"{path}: found the annotations {listed}; expected one, or --observation ID")
     return next(iter(found.values()))
+
+
+def _part_shared_frames(regions: Sequence[_StudioRegion]) -> int:
+    """End ranges of a tag before the frame with which the next one begins; return how many."""
+    tags = defaultdict[str, list[_StudioRange]](list)
+    for region in regions:
+        if region.type == "timelinelabels":
+            tags[region.from_name] += region.value.ranges
+    shared = 0
+    for ranges in tags.values():
+        ranges.sort(key=lambda each: (each.start, each.end))
+        for each, following in pairwise(ranges):
+            if each.start < each.end == following.start:
+                each.end -= 1
+                shared += 1
+    return shared
 
 
 def _is_read(region: _StudioRegion) -> bool:

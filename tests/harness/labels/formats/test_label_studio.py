@@ -71,6 +71,19 @@ def test_frames_are_those_of_label_studio_s_rate_and_seconds_those_of_the_film(
     assert imported.notes == ()
 
 
+def test_a_frame_that_ends_one_range_and_begins_the_next_has_the_next_one_s_label(tmp_path: Path) -> None:
+    """Drawn from where the last one ended, as scripts that make predictions of seconds write them, too."""
+    regions = [_region(4, 7, "cup"), _region(1, 4, "bird"), _region(7, 10, "none"), _region(4, 10, "cup", tag="boy")]
+    imported = _read(tmp_path, [_task(*regions)])
+    expected = [row(1, 3, "bird"), row(4, 6, "cup"), row(7, 10, "none"), row(4, 10, "cup", "boy")]
+    assert imported.labels == Labels(expected)
+    (note,) = imported.notes
+    assert "2 frames" in note
+    for overlapping in ([_region(1, 5, "bird"), _region(4, 7, "cup")], [_region(4, 4, "bird"), _region(4, 7, "cup")]):
+        with pytest.raises(VfoaError, match="'girl' has two labels in frame 4"):
+            _read(tmp_path, [_task(*overlapping)])
+
+
 def test_the_rate_of_label_studio_s_frames_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"--fps: found None; expected the frameRate of Label Studio's Video tag"):
         _read(tmp_path, [_task(_region(1, 3, "bird"))], fps=None)
