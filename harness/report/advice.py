@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from harness.record.layers import Plain
-from harness.run.results import has_images
+from harness.run.manifest import has_images
 from vfoa.cones import ConesSettings
 from vfoa.registry import AUTO
 

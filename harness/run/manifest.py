@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -198,6 +198,11 @@ class RunManifest(_ManifestTable):
     def failed_pairs(self) -> set[tuple[str, str]]:
         """Every (clip, configuration) that failed."""
         return {(failure.clip, failure.configuration) for failure in self.failed}
+
+
+def has_images(configurations: Collection[Mapping[str, Any]]) -> bool:
+    """Whether a run has images: for clips of measurements, the stages of perception are off (null)."""
+    return not configurations or any(configuration.get("stereo", True) for configuration in configurations)
 
 
 def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:

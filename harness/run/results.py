@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from harness.clips.manifest import ClipManifest
 from harness.run.directory import RunDirectory
@@ -27,11 +25,6 @@ class ClipRecords:
     all: list[FrameRecord]
     has_probabilities: bool
     says_nowhere: bool
-
-
-def has_images(configurations: Collection[Mapping[str, Any]]) -> bool:
-    """Whether a run has images, by its manifest: the stages of perception are off (null) for a clip of measurements."""
-    return not configurations or any(configuration.get("stereo", True) for configuration in configurations)
 
 
 def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | None) -> ClipRecords:

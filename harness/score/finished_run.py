@@ -20,10 +20,9 @@ from harness.labels.labels import Timeline
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
-from harness.run.manifest import ClipOfRun, RunManifest, differences
+from harness.run.manifest import ClipOfRun, RunManifest, differences, has_images
 from harness.run.notes import Note, NoteKind, unlabelled
 from harness.run.records import FrameRecord, renamed
-from harness.run.results import has_images
 from harness.run.table_columns import ColumnReader
 from harness.run.table_files import count_frames
 from harness.run.table_records import TableReader, most_people
