@@ -37,7 +37,7 @@ def bench(
         ),
     ] = None,
     limit: Annotated[int, typer.Option(metavar="N", min=2, help="Number of frames to measure.")] = 20,
-    provider: Annotated[ProviderName, typer.Option(help="Run the networks on this provider of ONNX Runtime.")] = "cpu",
+    provider: ProviderName = "cpu",
     overrides: Overrides = None,
     only: Annotated[
         list[str] | None, typer.Option(metavar="SECTION", help=ONLY_HELP, autocompletion=bench_sections)

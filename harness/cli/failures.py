@@ -190,8 +190,10 @@ def wrong_verdicts(scores: Scores, chosen: Chosen) -> list[Verdict]:
 
 def _nothing_to_show(scores: Scores, chosen: Chosen) -> str:
     """Why there is no failure: also because nothing is labelled."""
+    from harness.report.verdict import NOTHING_SCORED
+
     if not any(len(of_subject.frames) for of_subject in _judged(scores, chosen)):
-        return "Nothing is scored: no frame has a label."
+        return NOTHING_SCORED
     others = Counter(verdict.error_type for verdict in wrong_verdicts(scores, replace(chosen, error_type=None)))
     if not others:
         return "No wrong frame."

@@ -109,7 +109,7 @@ def check(
             autocompletion=model_names,
         ),
     ] = None,
-    provider: Annotated[ProviderName, typer.Option(help="Run the networks on this provider of ONNX Runtime.")] = "cpu",
+    provider: ProviderName = "cpu",
 ) -> None:
     """Load models, check their signatures, run each once and print provider and ms; exit 2 if one fails."""
     from harness.pipeline.weights import catalogue, check_model, find_model

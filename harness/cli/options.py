@@ -228,7 +228,10 @@ Where = Annotated[
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the tables by clip and of the stages, too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-ProviderName = Literal["cpu", "cuda", "tensorrt", "openvino", "coreml"]
+ProviderName = Annotated[
+    Literal["cpu", "cuda", "tensorrt", "openvino", "coreml"],
+    typer.Option(help="Run the networks on this provider of ONNX Runtime."),
+]
 """Providers of ONNX Runtime that a network can run on."""
 
 

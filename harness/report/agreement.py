@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from harness.labels.labels import Labels
+from harness.report.csv_tables import ALL
 from harness.report.formats import Table, interval_range, number, percent
 from harness.score.agreement import Agreement, differences
 
@@ -31,7 +32,7 @@ def agreement_tables(
         "First | Second | Subject | n | Not compared | Same % | Kappa | 95 %",
         (
             (
-                *(agreement.first, agreement.second, agreement.subject or "(all)", agreement.n, agreement.skipped),
+                *(agreement.first, agreement.second, agreement.subject or ALL, agreement.n, agreement.skipped),
                 *(percent(agreement.agreed / agreement.n if agreement.n else None), number(agreement.kappa, 2)),
                 interval_range(agreement.interval, ".2f"),
             )

@@ -8,7 +8,7 @@ from dataclasses import replace
 from harness.files.groups import grouped
 from harness.report.comparisons import run_in_words, shared_folder
 from harness.report.formats import Table, percent, percent_range
-from harness.report.verdict import best_of
+from harness.report.verdict import NOTHING_SCORED, best_of
 from harness.score.compared_runs import ComparedRuns, VerdictChange
 from harness.score.comparison import NO_COMMON_FRAME, Comparison, identical_on
 from harness.score.verdicts import answered
@@ -36,7 +36,7 @@ def compared_lines(compared: ComparedRuns) -> list[str]:
         lines.append(f"No significant difference in {pairs}{more}.")
     ranked = compared.ranked()
     if not ranked:
-        return ["Nothing is scored: no frame has a label."]
+        return [NOTHING_SCORED]
     if len(compared.places) == 1:
         lines.append("Nothing to compare: one configuration; add another run, or --baseline RUN.")
     for best in ranked[:1]:

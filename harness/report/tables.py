@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 
 from harness.report.csv_tables import ALL
-from harness.report.formats import Table, interval_range, number, percent, percent_range
+from harness.report.formats import UNKNOWN, Table, interval_range, number, percent, percent_range
 from harness.report.verdict import compared_rows, next_steps
 from harness.run.notes import WARNINGS, Note, NoteKind, unlabelled
 from harness.score.baselines import BASELINES
@@ -338,8 +338,8 @@ def _answers_row(subject: JudgedSubject) -> tuple[str, ...]:
     most_first = sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
     shares = ", ".join(f"{name} {percent(count / counts.total())}" for name, count in most_first)
     n = len(judged.frames)
-    coverage = percent(counts.total() / n) if n else "–"
-    return subject.clip, subject.configuration, subject.subject, shares or "–", str(n), coverage
+    coverage = percent(counts.total() / n if n else None)
+    return subject.clip, subject.configuration, subject.subject, shares or UNKNOWN, str(n), coverage
 
 
 def subjects_table(scores: Scores) -> Table:

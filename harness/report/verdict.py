@@ -19,6 +19,7 @@ from harness.score.verdicts import ERROR_TYPES
 
 MOST_LINES, MOST_CHARACTERS = 5, 100
 """Most lines of a verdict, and most characters of each."""
+NOTHING_SCORED = "Nothing is scored: no frame has a label."
 _MOST_STEPS = 2
 _SCOPES = {"clip": "on clips like these", "look": "on these clips only"}
 _BEATS = {"yes": "Beats the best", "not shown": "Not shown to beat a", "no": "No better than a"}
@@ -33,7 +34,7 @@ def verdict_lines(scores: Scores) -> list[str]:
     """
     rows = compared_rows(scores)
     if not rows:
-        return ["Nothing is scored: no frame has a label."]
+        return [NOTHING_SCORED]
     best = max(rows, key=lambda row: row.frr)
     lines = [_best_line(best, rows), _baseline_line(best)]
     if len(rows) > 1:
