@@ -43,8 +43,9 @@ from harness.sources.measured.motion_capture import (
     check_heads,
     poses_in,
 )
-from harness.sources.recordings.clip import is_of_poses, notes_on_clock, notes_on_files, open_container
+from harness.sources.recordings.clip import is_of_poses, open_container
 from harness.sources.recordings.containers import Container
+from harness.sources.recordings.joining import notes_on_clock, notes_on_files
 from harness.sources.recordings.messages import MessageType, fields_of, reading
 from harness.sources.recordings.topics import Place
 from vfoa.errors import VfoaError, check_known, listed, reported_as
