@@ -152,7 +152,7 @@ def browse_failures(run: Path, chosen: Chosen) -> None:
         say(_nothing_to_show(scores, chosen))
         return
     recordings, known = served_recordings(run), iter([found])  # the page that opens now shows what was counted
-    say(f"{len(shown)} wrong frames")
+    say(counted(len(shown), "wrong frame"))
     failures = failures_routes(lambda: next(known, None) or wrong(), recordings)
     browse(recordings.values(), ["/"], more=(*failures, *correction_routes(directory)))
 

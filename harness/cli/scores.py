@@ -36,7 +36,7 @@ from harness.cli.terminal import (
     say_unknown_names,
     verdict_of_run,
 )
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 
 if TYPE_CHECKING:
     from harness.report.comparisons import PlannedPair
@@ -324,10 +324,10 @@ def _failing(comparisons: Sequence[Comparison], kind: str, points: float) -> lis
     from harness.score.statistics import SIGNIFICANCE
 
     if kind == "significant-drop" and not any(comparison.can_be_significant for comparison in comparisons):
-        least = min(comparison.smallest_p for comparison in comparisons)
+        least, number = min(comparison.smallest_p for comparison in comparisons), len(comparisons)
         raise VfoaError(
             f"compare: --fail-on significant-drop: cannot fail: with {comparisons[0].counted_units} and "
-            f"{len(comparisons)} comparisons the smallest corrected p is {min(least * len(comparisons), 1.0):.2g}; "
+            f"{counted(number, 'comparison')} the smallest corrected p is {min(least * number, 1.0):.2g}; "
             f"expected below {SIGNIFICANCE:g}. Use --fail-on drop=POINTS, more clips, or fewer configurations"
         )
     lines = []

@@ -41,6 +41,7 @@ from harness.score.intervals import LEAST_CLIPS, Pairs, ScoredFrames, Units, pai
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import NO_INTERVAL, SIGNIFICANCE, wilson_interval
+from vfoa.errors import counted
 
 _TITLE = "Configurations compared on the same frames"
 _FACTORS = "Factors of the grid compared over all values of the others"
@@ -132,7 +133,7 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> Table:
 
 
 def _units(comparison: Comparison) -> str:
-    return f"{comparison.clips} clips" if comparison.unit == "clip" else f"{comparison.looks} looks"
+    return counted(comparison.clips, "clip") if comparison.unit == "clip" else counted(comparison.looks, "look")
 
 
 def _detectable(share: float) -> str:

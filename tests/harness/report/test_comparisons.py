@@ -60,6 +60,12 @@ def test_only_folders_that_all_names_share_are_left_out(names: tuple[str, str], 
     assert terminal_comparisons([_pair(*names)]).rows[0][:2] == shown
 
 
+def test_a_single_unit_is_not_several() -> None:
+    units = [("look", 1, 1), ("look", 9, 1), ("clip", 9, 1), ("clip", 9, 7)]
+    pairs = [replace(_pair("a", "b"), unit=unit, looks=looks, clips=clips) for unit, looks, clips in units]
+    assert [row[5] for row in terminal_comparisons(pairs).rows] == ["1 look", "9 looks", "1 clip", "7 clips"]
+
+
 def test_what_is_significant_says_in_which_direction() -> None:
     pairs = [
         _pair("a", "b", better=9, worse=0, p=0.004),
