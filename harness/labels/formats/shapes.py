@@ -3,7 +3,8 @@
 An object is known by its track (``cup#3``, track 3 with the label ``cup``, where that is renamed), by an attribute
 ``name``, or by its label. A person's shape is a head if its label is ``head`` or ``face``, or the person's name and one
 of these words (``anna_head``). An attribute of a person's shapes, such as ``looks_at``
-(:data:`~harness.labels.formats.own_table.COLUMNS`), has the target in each frame.
+(:data:`~harness.labels.formats.own_table.COLUMNS`), has the target in each frame. Shapes whose label is, or is renamed
+to, ``SUBJECT:TARGET`` are looks, and are not drawn.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from harness.files.dialects import plain_name
 from harness.labels.drawn_shapes import Drawn, KeyFrame, Kind, Place, check_kind, check_place, drawn_of
@@ -99,15 +101,18 @@ def imported(file: ShapeFile, exchange: Exchange, path: Path) -> Imported:
     ``exchange.modifier`` is the attribute that has the targets, of several.
     """
     frames = _frames(file, exchange, path)
-    named = _named(file.tracks, exchange, path)
-    looks = _looks(named, frames, exchange, path)
+    said = [(track, _look(track, exchange)) for track in file.tracks]
+    of_looks = [_OfLooks(track, *look) for track, look in said if look is not None]
+    named = _named([track for track, look in said if look is None], exchange, path, is_needed=not of_looks)
+    looks = _looks(named, of_looks, frames, exchange, path)
     rows = [
         row
         for subject, labels in looks.items()
         for row in ranges_of(subject, ((frame, labels.get(frame)) for frame in exchange.frames))
     ]
     drawn, of_labels = _drawn(named, frames, file, exchange), exchange.labels(rows, path)
-    notes = (*of_labels.notes, *_notes(file, named, frames, path))
+    known = [*(each.track for each in named), *(each.track for each in of_looks)]
+    notes = (*of_labels.notes, *_notes(file, known, frames, path))
     return Imported(labels=of_labels.labels, drawn=drawn, size_px=file.size_px, notes=notes)
 
 
@@ -118,6 +123,23 @@ class _Named:
     track: ShapeTrack
     name: str
     kind: Kind
+
+
+class _OfLooks(NamedTuple):
+    """A track whose shapes are looks of one subject at one target, wherever they are drawn."""
+
+    track: ShapeTrack
+    subject: str
+    target: str
+
+
+def _look(track: ShapeTrack, exchange: Exchange) -> tuple[str, str] | None:
+    """Subject and target of a track whose label is ``SUBJECT:TARGET`` by our name for it; None of any other."""
+    ours = exchange.names.translate(numbered := f"{track.label}#{track.number}")
+    if ours == numbered:
+        ours = exchange.names.translate(track.label)
+    subject, _, target = ours.partition(":")
+    return (subject, target) if target and subject in exchange.subjects and not _HEAD.fullmatch(ours) else None
 
 
 def name_in(attributes: Mapping[str, str]) -> str:
@@ -155,21 +177,21 @@ def _places(file: ShapeFile, exchange: Exchange) -> dict[str, int]:
     return places if is_film and len(places) == len(named) else {}
 
 
-def _named(tracks: list[ShapeTrack], exchange: Exchange, path: Path) -> list[_Named]:
+def _named(tracks: list[ShapeTrack], exchange: Exchange, path: Path, *, is_needed: bool) -> list[_Named]:
     """The tracks of the manifest's names.
 
     Raises
     ------
     VfoaError
-        If there are tracks, and none of them is known.
+        If there are tracks, and none of them is known, although one ``is_needed``.
     """
     named = [found for track in tracks if (found := _known(track, exchange)) is not None]
-    if tracks and not named:
+    if tracks and not named and is_needed:
         listed = ", ".join(dict.fromkeys(_described(track) for track in tracks))
         expected = ", ".join([*exchange.targets, *exchange.subjects]) or "names in the clip's manifest"
         raise VfoaError(
             f"{path}: found shapes of {listed[:200]}; expected some of {expected}, as label or in an attribute name "
-            "(--rename THEIRS=OURS)"
+            "(--rename THEIRS=OURS; if they are looks: --rename THEIRS=SUBJECT:TARGET)"
         )
     return named
 
@@ -192,20 +214,26 @@ def _described(track: ShapeTrack) -> str:
 
 
 def _looks(
-    named: list[_Named], frames: Mapping[int | str, int], exchange: Exchange, path: Path
+    named: Sequence[_Named],
+    of_looks: Sequence[_OfLooks],
+    frames: Mapping[int | str, int],
+    exchange: Exchange,
+    path: Path,
 ) -> dict[str, dict[int, Label]]:
-    """The label of each subject in each frame, of those whose shapes have an attribute of targets."""
+    """The label of each subject in each frame, of those whose shapes have an attribute of targets, or are looks."""
     of_people = [(each, shape) for each in named if each.name in exchange.subjects for shape in each.track.shapes]
     attribute = _attribute({key for _, shape in of_people for key in shape.attributes}, exchange, path)
+    said = [(each.name, shape.attributes.get(attribute, ""), attribute, shape) for each, shape in of_people]
+    said += [(each.subject, each.target, "label", shape) for each in of_looks for shape in each.track.shapes]
     looks = defaultdict[str, dict[int, Label]](dict)
-    for each, shape in of_people:
-        value, frame = shape.attributes.get(attribute, ""), frames.get(shape.at)
-        if shape.is_outside or value in _UNSET or frame is None or exchange.names.leaves_out(each.name, value):
+    for subject, value, kind, shape in said:
+        frame = frames.get(shape.at)
+        if shape.is_outside or value in _UNSET or frame is None or exchange.names.leaves_out(subject, value):
             continue
-        target = NOWHERE if value.lower() == NOWHERE else exchange.target(value, each.name, shape.where)
-        label = looks[each.name].setdefault(frame, Label(target=target))
+        target = NOWHERE if value.lower() == NOWHERE else exchange.target(value, subject, shape.where)
+        label = looks[subject].setdefault(frame, Label(target=target))
         if label.target != target:
-            where = f"{shape.where}: {attribute}"
+            where = f"{shape.where}: {kind}"
             raise VfoaError(f"{where}: found {target!r}; expected {label.target!r}, which another shape has")
     return looks
 
@@ -278,9 +306,9 @@ def _key_frames(visible: _Visible, listed: Sequence[int]) -> Iterator[KeyFrame]:
             yield KeyFrame(frame=frame, place=visible[before][1].place, outside=True)
 
 
-def _notes(file: ShapeFile, named: list[_Named], frames: Mapping[int | str, int], path: Path) -> Iterator[str]:
+def _notes(file: ShapeFile, read: Sequence[ShapeTrack], frames: Mapping[int | str, int], path: Path) -> Iterator[str]:
     """What is left out."""
-    known = {id(each.track) for each in named}
+    known = {id(track) for track in read}
     if unknown := dict.fromkeys(_described(track) for track in file.tracks if id(track) not in known):
         yield f"{path}: no subject or target, left out: {', '.join(unknown)}."
     if outside := sum(at not in frames for at in file.ats()):

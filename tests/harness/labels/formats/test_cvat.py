@@ -100,6 +100,28 @@ def test_where_frames_are_missing_shapes_stay_at_their_places_in_the_film(tmp_pa
         assert found["bird", "box", numbers[at]] == pytest.approx([coordinate - 0.5 for coordinate in place], abs=0.011)
 
 
+def test_labels_of_a_look_at_one_target_are_looks(tmp_path: Path) -> None:
+    """As of eye contact: boxes of a face, whose label says where it looks, one track for each look."""
+    tracks = [
+        cvat_track("eye_contact", *(cvat_box(at, (0, 0, 9, 9)) for at in (2, 3)), number=0),
+        cvat_track("no_eye_contact", cvat_box(4, (0, 0, 9, 9)), cvat_box(5, (0, 0, 9, 9), outside=True), number=1),
+        cvat_track("eye_contact", cvat_box(5, (0, 0, 9, 9)), number=2),
+        cvat_track("girl:head", *(cvat_box(at, (0, 0, 9, 9)) for at in (2, 3)), number=3),
+    ]
+    renamed = {"eye_contact": "girl:cup", "no_eye_contact": "girl:none"}
+    imported = read(tmp_path, *tracks, renamed=renamed)
+    assert imported.labels == Labels([row(3, 4, "cup"), row(5, 5, "none"), row(6, 6, "cup")])
+    assert {(name, kind) for name, kind, _ in places(imported.drawn)} == {("girl", "head")}
+    assert imported.notes == ()
+    assert read(tmp_path, *tracks[:3], renamed=renamed).labels == imported.labels
+    with pytest.raises(VfoaError, match=r"found 'none'; expected 'cup', which another shape has"):
+        read(tmp_path, *tracks, cvat_track("no_eye_contact", cvat_box(3, (0, 0, 9, 9)), number=4), renamed=renamed)
+    with pytest.raises(VfoaError, match=r"unknown target 'mug'"):
+        read(tmp_path, *tracks, renamed=renamed | {"eye_contact": "girl:mug"})
+    with pytest.raises(VfoaError, match=r"found shapes of eye_contact#0, .*--rename .*THEIRS=SUBJECT:TARGET"):
+        read(tmp_path, *tracks[:3])
+
+
 def test_a_person_s_attribute_has_the_looks(tmp_path: Path) -> None:
     values = ["bird"] * 3 + ["none"] * 2 + ["__undefined__"] + ["cup"] * 2
     shapes = [cvat_box(at, (0, 0, 9, 9), looks_at=value, mood="glad") for at, value in enumerate(values)]
