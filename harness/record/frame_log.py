@@ -32,7 +32,7 @@ _ROW_BYTES = 500
 
 
 class FrameLog:
-    """A part of a recording in which an entity is cleared in frames that do not log it.
+    """A part of a recording in which an entity, or a field of one, is cleared in frames that do not log it.
 
     Rerun shows the latest value of an entity: without clearing, a box would stay where its object was last seen. A row
     without instances clears, in the same chunk as the other rows of the entity.
@@ -104,10 +104,11 @@ class FrameLog:
         self._stream.log(path, build(), static=static)
 
     def end(self) -> None:
-        """Clear the entities that the frame before had and this one has not."""
-        for path in sorted(self._before.keys() - self._now.keys()):
-            shown = self._before[path]
-            self._add(self._time, path, shown, dict.fromkeys(shown[1], ()))
+        """Clear what the frame before had and this one has not: entities, and fields of them."""
+        for path, (archetype, fields) in self.shown.items():
+            now, same = self._now.get(path, ("", ()))
+            if gone := tuple(field for field in fields if now != archetype or field not in same):
+                self._add(self._time, path, (archetype, gone), dict.fromkeys(gone, ()))
         self._before, self._now = self._now, {}
 
     def send(self) -> None:

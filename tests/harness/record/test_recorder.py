@@ -397,16 +397,22 @@ def test_rows_of_an_entity_may_have_different_fields_and_numbers_of_instances(tm
     stream = rr.RecordingStream("test", recording_id="test")
     stream.save(tmp_path / "test.rrd")
     log = FrameLog(stream)
-    clouds = [np.ones((1, 3)), np.zeros((0, 3)), np.full((3, 3), 2.0)]
+    clouds = [np.ones((1, 3)), np.zeros((0, 3)), np.full((3, 3), 2.0), np.ones((2, 3))]
     for frame, positions in enumerate(clouds):
         log.begin(frame, 0)
         log.row("/cloud", rr.Points3D, positions=positions, **({"class_ids": [4]} if frame == 2 else {}))
         log.end()
+    log.begin(4, 0)
+    log.row("/cloud", rr.Boxes3D, half_sizes=np.ones((1, 3)))
+    log.end()
     log.send()
     stream.disconnect()
     columns = read_back(tmp_path / "test.rrd")
-    assert columns.at("/cloud", "Points3D:positions") == {frame: cloud.tolist() for frame, cloud in enumerate(clouds)}
-    assert columns.at("/cloud", "Points3D:class_ids") == {2: [4]}
+    shown = {frame: cloud.tolist() for frame, cloud in enumerate(clouds)}
+    # what a frame does not log is cleared, or the viewer would show that of an earlier one
+    assert columns.at("/cloud", "Points3D:positions") == {**shown, 4: []}
+    assert columns.at("/cloud", "Points3D:class_ids") == {2: [4], 3: []}
+    assert columns.at("/cloud", "Boxes3D:half_sizes") == {4: [[1, 1, 1]]}
 
 
 def test_an_entity_may_have_values_of_its_own(tmp_path, read_back):
