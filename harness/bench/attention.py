@@ -151,17 +151,13 @@ def _ms_per_person(settings: MethodSettings, scenes: Scenes, rounds: int) -> flo
 
 def attention_table(rows: Sequence[AttentionTiming]) -> Table:
     """Vectorised attention compared with the plain loop."""
-    return Table(
-        title="Attention, milliseconds a frame",
-        columns=("rays per subject", "boxes", "subjects", "vectorised", "plain loop", "times faster"),
-        rows=tuple(
+    return Table.of(
+        "Attention, milliseconds a frame",
+        "rays per subject | boxes | subjects | vectorised | plain loop | times faster",
+        (
             (
-                str(row.rays_per_subject),
-                str(row.boxes),
-                str(row.subjects),
-                f"{row.vectorised_ms:.2f}",
-                f"{row.plain_ms:.1f}",
-                f"{row.times_faster:.0f}",
+                *(row.rays_per_subject, row.boxes, row.subjects),
+                *(f"{row.vectorised_ms:.2f}", f"{row.plain_ms:.1f}", f"{row.times_faster:.0f}"),
             )
             for row in rows
         ),

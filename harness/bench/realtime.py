@@ -212,16 +212,13 @@ def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Flo
 def speed_table(clip: str, threads: int, rows: Sequence[Speed], notes: Sequence[str]) -> Table:
     """Matching alone, and the pipeline."""
     baseline = next(row for row in rows if row.what == BASELINE)
-    return Table(
-        title=f"Frames a second on {clip}, one process with {threads} threads",
-        columns=("configuration", "match ms", "frames/s", "ratio", "CPU ms", "known", "error px", "off"),
-        rows=tuple(
+    return Table.of(
+        f"Frames a second on {clip}, one process with {threads} threads",
+        "configuration | match ms | frames/s | ratio | CPU ms | known | error px | off",
+        (
             (
-                row.what,
-                "{:.1f} / {:.1f}".format(*row.match_ms),
-                f"{row.fps:.1f}",
-                f"{row.fps / baseline.fps:.2f}",
-                f"{row.cpu_ms:.0f}",
+                *(row.what, "{:.1f} / {:.1f}".format(*row.match_ms), f"{row.fps:.1f}"),
+                *(f"{row.fps / baseline.fps:.2f}", f"{row.cpu_ms:.0f}"),
                 *_quality(row.stereo),
             )
             for row in rows

@@ -72,17 +72,13 @@ def quality(name: str, pairs: Sequence[tuple[Disparity, Disparity]]) -> StereoQu
 
 def stereo_table(clip: str, rows: Sequence[StereoQuality]) -> Table:
     """Disparity compared with the ground truth."""
-    return Table(
-        title=f"Disparity against the truth on {clip}",
-        columns=("matcher of", "frames", "known", "median error px", f"off by > {OFF_PX:g} px", "known and right"),
-        rows=tuple(
+    return Table.of(
+        f"Disparity against the truth on {clip}",
+        f"matcher of | frames | known | median error px | off by > {OFF_PX:g} px | known and right",
+        (
             (
-                row.configuration,
-                str(row.frames),
-                f"{row.known_share:.1%}",
-                f"{row.median_error_px:.2f}",
-                f"{row.off_share:.1%}",
-                f"{row.right_share:.1%}",
+                *(row.configuration, row.frames, f"{row.known_share:.1%}", f"{row.median_error_px:.2f}"),
+                *(f"{row.off_share:.1%}", f"{row.right_share:.1%}"),
             )
             for row in rows
         ),
