@@ -271,6 +271,17 @@ def test_what_a_docstring_refers_to_is_there() -> None:
     assert [(module, name) for module, name in sorted(places) if not _is_found(name, _modules()[module])] == []
 
 
+def test_an_index_of_a_folder_names_its_files() -> None:
+    """An index is in the docstring of ``__init__``: lines of a name, or several, and what is there."""
+    line = re.compile(r"^(\w+(?:, \w+)*)/? {2,}\S", re.MULTILINE)
+    texts = {path.parent: ast.get_docstring(_tree(path)) for path in _modules().values() if path.name == "__init__.py"}
+    found = {folder: names for folder, text in texts.items() if (names := line.findall(text or ""))}
+    indexes = {folder: {name for several in names for name in several.split(", ")} for folder, names in found.items()}
+    there = {folder: {each.stem for each in folder.iterdir() if each.name[0] not in "._"} for folder in indexes}
+    assert len(indexes) >= 3
+    assert indexes == there
+
+
 def _parameters(node: ast.AST) -> set[str]:
     """The parameters of a function, of the initializer of a class, or of a dataclass."""
     if isinstance(node, ast.ClassDef):

@@ -18,7 +18,7 @@ from starlette.staticfiles import StaticFiles
 
 from harness.annotate.actions import Action
 from harness.annotate.clip_pictures import PictureKind, RegionPx
-from harness.annotate.journal import OutsideClipError, StaleRevisionError
+from harness.annotate.journaled_store import OutsideClipError, StaleRevisionError
 from harness.annotate.last_address import Address, read_address, write_address
 from harness.annotate.session import Session
 from harness.clips.naming import NameRule

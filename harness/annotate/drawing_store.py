@@ -10,7 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.annotate.journal import Entry, JournaledStore, StepBack, TimedStep
+from harness.annotate.journal import Entry
+from harness.annotate.journaled_store import JournaledStore, StepBack, TimedStep
 from harness.labels.drawn_shapes import (
     Drawn,
     KeyedShape,

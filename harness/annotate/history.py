@@ -7,7 +7,8 @@ from typing import Any
 
 from harness.annotate.clip_stores import not_in_manifest, open_drawing, open_store, with_others
 from harness.annotate.drawing_store import DrawingStore
-from harness.annotate.journal import Entry, StepBack
+from harness.annotate.journal import Entry
+from harness.annotate.journaled_store import StepBack
 from harness.annotate.label_store import LabelStore
 from harness.annotate.target_change import TargetChange, finish_change, unfinished
 from harness.clips import manifest_text

@@ -10,7 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.annotate.journal import Entry, JournaledStore
+from harness.annotate.journal import Entry
+from harness.annotate.journaled_store import JournaledStore
 from harness.annotate.marks import (
     Mark,
     Stretch,

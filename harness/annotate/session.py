@@ -13,7 +13,7 @@ from typing import Any, get_args
 from harness.annotate.actions import Action, edited
 from harness.annotate.clip_pictures import ClipPictures, PictureKind, RegionPx
 from harness.annotate.history import History
-from harness.annotate.journal import StaleRevisionError, StepBack
+from harness.annotate.journaled_store import StaleRevisionError, StepBack
 from harness.annotate.suggestions import LabelBlock, Predictions, advice
 from harness.clips.manifest import ClipManifest, known_categories, load_manifest
 from harness.clips.naming import COLOURS, KEYS, NameRule, keys_and_colours

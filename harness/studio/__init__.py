@@ -4,6 +4,7 @@ scenario      seats, positions of objects, and looks: data
 gathering     randomly drawn scenarios
 choreography  fixations, saccades, heads that follow: poses at each frame
 mesh, material, things, people    shapes and paint
+raycast       the surface that a ray hits, its paint and its light
 stage         a scenario in metres: the room, bodies, boxes, heads, eyes, gaze
 render        the two cameras and their sensors; lines of sight
 store         rendered frames on disk

@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from harness.annotate.actions import Action
 from harness.annotate.drawing_store import Draw, DrawingStore
-from harness.annotate.journal import StaleRevisionError
+from harness.annotate.journaled_store import StaleRevisionError
 from harness.annotate.session import Session
 from harness.labels.drawn_shapes import COLUMNS, Drawn, KeyFrame, read_drawn, write_drawn
 from harness.labels.labels import Timeline

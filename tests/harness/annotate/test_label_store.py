@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.annotate import actions
-from harness.annotate.journal import StaleRevisionError
+from harness.annotate.journaled_store import StaleRevisionError
 from harness.annotate.label_store import LabelStore
 from harness.annotate.marks import Mark, Stretch
 from harness.labels.files import read_annotations

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from harness.annotate.actions import Action
 from harness.annotate.app import PageServer
 from harness.annotate.clip_pictures import colour, head, outline
-from harness.annotate.journal import StaleRevisionError
+from harness.annotate.journaled_store import StaleRevisionError
 from harness.annotate.session import Session
 from harness.cli import app
 from harness.clips.manifest import load_manifest
