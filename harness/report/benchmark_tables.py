@@ -15,7 +15,7 @@ from harness.report.benchmark import MATERIALS
 from harness.report.formats import UNKNOWN, Table, number, percent, percent_range, to_csv, to_markdown
 from harness.report.page.render import page_of_tables
 from harness.report.verdict import verdict_lines
-from harness.score.calibration import reliabilities
+from harness.score.calibration import calibration_errors
 from harness.score.score import Scores
 
 RULE = "rule: "
@@ -97,7 +97,7 @@ def _by_setting(method: str, of_runs: Mapping[str, Mapping[str, Rates]]) -> dict
 
 def _of_run(scores: Scores) -> dict[str, Rates]:
     """The rates of each method of a run."""
-    errors = {each.configuration: each.calibration_error for each in reliabilities(scores.judged_subjects)}
+    errors = calibration_errors(scores.judged_subjects)
     return {
         row.configuration: Rates(
             row.metrics["log_loss"], errors.get(row.configuration, math.nan), row.metrics["balanced_frr"]
@@ -139,14 +139,13 @@ def write_benchmark(folder: Path, scores: Mapping[str, Scores], tables: tuple[Ta
 
 def _rows(title: str, scores: Scores) -> Iterator[tuple[object, ...]]:
     """The rows of a material: the best simple rule, then the methods."""
-    errors = {each.configuration: each.calibration_error for each in reliabilities(scores.judged_subjects)}
+    errors = calibration_errors(scores.judged_subjects)
     rows = scores.overall()
     for row in rows[:1]:
         rule = row.best_baseline
         rates = percent(row.baselines[rule]), UNKNOWN, percent(row.baselines_balanced[rule])
         yield (title, RULE + rule.replace("_", " "), row.n, row.clips, *rates, UNKNOWN, UNKNOWN)
     for row in rows:
-        error = errors.get(row.configuration)
         rates = percent(row.frr), percent_range(row.interval), percent(row.metrics["balanced_frr"])
-        losses = number(row.metrics["log_loss"], 3), UNKNOWN if error is None else number(error, 3)
+        losses = number(row.metrics["log_loss"], 3), number(errors.get(row.configuration), 3)
         yield (title, row.configuration, row.n, row.clips, *rates, *losses)

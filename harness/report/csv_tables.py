@@ -105,16 +105,10 @@ def scores_table(scores: Scores) -> Table:
     VfoaError
         If a metric has the name of an existing column.
     """
-    columns = tuple(frr_columns())
-    left_out = () if scores.has_answers_of_file else tuple(_OF_FILES)
-    kept = [place for place, column in enumerate(columns) if column not in left_out]
     rows = ((*_score_cells(row, scores), *map(csv_share, row.metrics.values())) for row in scores.rows)
-    return Table(
-        title="Scores",
-        columns=tuple(columns[place] for place in kept),
-        words=3,
-        rows=tuple(tuple(row[place] for place in kept) for row in rows),
-    )
+    table = Table(title="Scores", columns=tuple(frr_columns()), words=3, rows=tuple(rows))
+    left_out = () if scores.has_answers_of_file else tuple(_OF_FILES)
+    return table.only([column for column in table.columns if column not in left_out])
 
 
 def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from harness.score.calibration import (
     DirectionCheck,
     Reliability,
     SetCoverage,
-    reliabilities,
+    calibration_errors,
 )
 from harness.score.finished_run import how_to_label
 from harness.score.intervals import LEAST_CLIPS
@@ -233,15 +233,12 @@ def phases_table(scores: Scores) -> Table:
     rates = ("n", "FRR %", "95 %", "Balanced %", "Targets %", "Nowhere %", "Log loss")
     rows = []
     for phase, of_phase in scores.phases.items():
-        errors = {
-            of_method.configuration: of_method.calibration_error
-            for of_method in reliabilities(of_phase.judged_subjects)
-        }
+        errors = calibration_errors(of_phase.judged_subjects)
         rows += [
             (
                 *(phase, row.configuration),
                 *(_CELLS[name](row) for name in rates),
-                number(errors.get(row.configuration, math.nan), 3),
+                number(errors.get(row.configuration), 3),
                 *(_words(row.best_baseline).lower(), percent(row.baselines[row.best_baseline])),
                 *(percent(row.baselines_balanced[row.best_baseline]), row.beats),
             )

@@ -138,6 +138,11 @@ def reliabilities(subjects: Iterable[JudgedSubject]) -> list[Reliability]:
     return found
 
 
+def calibration_errors(subjects: Iterable[JudgedSubject]) -> dict[str, float]:
+    """Return the expected calibration error of each configuration whose attention values are probabilities."""
+    return {found.configuration: found.calibration_error for found in reliabilities(subjects)}
+
+
 def reliabilities_by_subject(subjects: Iterable[JudgedSubject]) -> list[tuple[str, str, Reliability]]:
     """Clip, subject and calibration: one for each configuration with probabilities, sorted by clip and subject."""
     groups = grouped(((of_subject.clip, of_subject.subject), of_subject) for of_subject in subjects)
