@@ -2,7 +2,7 @@
 
 A column may hold several subjects, if a code names them (``who``, or another name of
 :data:`~harness.labels.formats.own_table.COLUMNS`). A cell holds from its onset to its offset, both included, to the
-millisecond (``exportByFrame`` of ``ExportDatabaseFileController``; read, not used).
+millisecond (``exportByFrame`` of ``ExportDatabaseFileController``; read, not used). An offset that was never set is 0.
 
 A spreadsheet (``.opf``) is a ZIP archive: ``db`` has a line for each column and one for each of its cells, ``project``
 (YAML) the films that were open. The CSV that Datavyu and its scripts export has the columns side by side
@@ -28,7 +28,8 @@ from harness.files.parsing import check_archive, parse_yaml
 from harness.files.tables import whole_number
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly, file_name, one_line
 from harness.labels.formats.tiers import Annotation, check_chosen, from_tiers, named_subject, target_code
-from vfoa.errors import VfoaError
+from harness.labels.labels import NOWHERE
+from vfoa.errors import VfoaError, counted
 
 _EXPECTED = "expected Datavyu's spreadsheet (.opf), or the CSV that it exports"
 _COLUMN = re.compile(r"(?P<name>(?:[^\\(]|\\.)+) \((?P<kind>[A-Za-z]+)[^)]*\)(?:-(?P<codes>.*))?")
@@ -64,11 +65,19 @@ class Datavyu(ReadOnly):
         origin_ms, notes = exchange.media_offset(0 if film is None else -begins_ms[film], path)
         tiers = _tiers(columns)
 
+        points = 0
+
         def read(tier: str) -> list[Annotation]:
-            return _annotations(tiers.get(tier, ()), exchange.modifier, f"{path}: column {tier!r}")
+            nonlocal points
+            found = _annotations(tiers.get(tier, ()), exchange.modifier, f"{path}: column {tier!r}")
+            kept = [each for each in found if not _is_point(each, tier, exchange)]
+            points += len(found) - len(kept)
+            return kept
 
         sizes = {tier: len(cells) for tier, cells in tiers.items()}
         imported = from_tiers(sizes, read, exchange, path, origin_ms=origin_ms, kind="column")
+        if points:
+            notes.append(f"{path}: left out: {counted(points, 'cell')} without an offset, of no target.")
         return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
 
@@ -87,6 +96,15 @@ def _annotations(cells: Sequence[_Cell], chosen: str | None, where: str) -> list
     code = target_code([cell.codes for cell in cells], chosen, where, kind="code")
     onsets = {cell.onset_ms for cell in cells}
     return [(cell.onset_ms, _end_ms(cell, onsets), one_line(cell.codes.get(code))) for cell in cells]
+
+
+def _is_point(annotation: Annotation, tier: str, exchange: Exchange) -> bool:
+    """Whether an annotation without an end is of no target, and so no look that a coder has not finished."""
+    start_ms, end_ms, value = annotation
+    if not end_ms == 0 < start_ms or exchange.names.leaves_out(tier, value):
+        return False
+    target = exchange.names.translate(value, exchange.names.translate(tier))
+    return target not in (*exchange.targets, *exchange.subjects, NOWHERE)
 
 
 def _end_ms(cell: _Cell, onsets: Collection[int]) -> int:

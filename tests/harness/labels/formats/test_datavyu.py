@@ -113,6 +113,30 @@ talk,looks,40,120,3,boy,girl
     assert _read(path) == (EXPECTED, ())
 
 
+def test_cells_of_no_target_whose_offset_was_never_set_are_left_out(tmp_path: Path) -> None:
+    """Of a coder who marks the begin and stop of each trial with a key; Datavyu writes 0 for such an offset."""
+    text = """looks.ordinal,looks.onset,looks.offset,looks.code01,
+0,40,0,"B",
+1,40,120,"L",
+2,160,280,"R",
+3,280,0,"S",
+"""
+    renamed = {"looks": "girl", "L": "bird", "R": "cup"}
+    path = write_text(tmp_path / "coder.csv", text)
+    labels, notes = _read(path, renamed=renamed)
+    assert labels == Labels([row(2, 4, "bird"), row(5, 7, "cup")])
+    assert [note.partition(": ")[2] for note in notes if "2 cells" in note] == [
+        "left out: 2 cells without an offset, of no target."
+    ]
+    for left_out in ({"B": ""}, {"B": "", "S": ""}):
+        again, notes = _read(path, renamed=renamed | left_out)
+        assert again == labels
+        assert not any("no such name" in note for note in notes)
+    for cell in ("40,20", "40,0"):
+        with pytest.raises(VfoaError, match=r"column 'looks', 0\.040 to 0\.0.0 s: ends .* before it begins"):
+            _read(write_text(tmp_path / "wrong.csv", text.replace("40,120", cell)), renamed=renamed)
+
+
 @pytest.mark.parametrize(("begins_ms", "offset", "first"), [(-80, None, 3), (40, None, 1), (-80, 0.0, 1)])
 def test_the_beginning_of_the_film_is_subtracted(
     tmp_path: Path, begins_ms: int, offset: float | None, first: int
