@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import gc
-import os
 import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
-from urllib.parse import quote, urlencode
+from urllib.parse import urlencode
 
 import typer
 
@@ -102,6 +101,7 @@ def report(
     With --where, the page of these frames: to the file of --page, or served.
     """
     from harness.files.io import atomic_write, check_new
+    from harness.report.page.render import address_of
     from harness.report.write import refresh, report_page
     from harness.run.directory import RunDirectory
 
@@ -117,8 +117,7 @@ def report(
         _serve_report(directory, chosen, port, no_open=no_open)
     elif page is not None:
         check_new(page, replace=replace, hint=", or another --page", inputs=directory.inputs)
-        folder = f"{quote(Path(os.path.relpath(directory.path.resolve(), page.resolve().parent)).as_posix())}/"
-        atomic_write(page, report_page(directory, None, chosen, folder))
+        atomic_write(page, report_page(directory, None, chosen, f"{address_of(directory.path, page)}/"))
         say(f"Page: {page}")
     else:
         refresh(directory)

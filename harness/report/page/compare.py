@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote, urlencode
+from urllib.parse import urlencode
 
 from harness.report.compared_runs import changes_table, compared_lines, ranking_table
 from harness.report.comparisons import comparison_table, run_in_words, shared_folder, verdict_in_words
 from harness.report.formats import percent_range, points, points_range
 from harness.report.page.packing import pack_json
-from harness.report.page.render import plain_table, printed_count, script, template
+from harness.report.page.render import address_of, plain_table, printed_count, script, template
 from harness.score.compared_runs import ComparedRuns
 from harness.score.comparison import Comparison
 from harness.score.statistics import Interval
@@ -120,8 +119,7 @@ def report_link(page: Path) -> Link:
         report = run / "report.html"
         if not report.is_file():
             return None
-        place = Path(os.path.relpath(report.resolve(), page.resolve().parent)).as_posix()
         shown = {"clip": verdict.clip, "config": verdict.configuration, "subject": verdict.subject}
-        return f"{quote(place)}#{urlencode(shown | {'frame': verdict.frame})}"
+        return f"{address_of(report, page)}#{urlencode(shown | {'frame': verdict.frame})}"
 
     return link

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
@@ -176,6 +178,11 @@ def _facts(scores: Scores, manifest: RunManifest) -> list[str]:
     frames = sum(len(clip.frames) for clip in manifest.clips)
     facts += [f"{printed_count(len(manifest.clips), 'clip')}, {printed_count(frames, 'frame')}"]
     return [*facts, f"n = {labelled:,} labelled frames of subjects".replace(",", " ")]
+
+
+def address_of(place: Path, page: Path) -> str:
+    """The address of a file or a folder in a page on the disk: relative to the page's folder."""
+    return quote(Path(os.path.relpath(place.resolve(), page.resolve().parent)).as_posix())
 
 
 def printed_count(n: int, what: str) -> str:
