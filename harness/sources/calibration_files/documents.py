@@ -248,16 +248,22 @@ def ros_pair(left: Document, right: Document, where: tuple[str, str], baseline_m
 
 
 def camera_of_ros(model: str, size_px: tuple[int, int], values: Mapping[str, Any], where: str) -> RawCamera:
-    """Return a camera with ROS's or Foxglove's name of a distortion model, and its K, D, R and P; raises VfoaError."""
+    """Return a camera with ROS's or Foxglove's name of a distortion model, and its K, D, R and P; raises VfoaError.
+
+    With coefficients of 0 every model is that of a lens without distortion: simulators write ``pinhole``.
+    """
+    d = numbers(values["D"], f"{where}: D")
     if model not in MODELS:
-        raise VfoaError(
-            f"{where}: found the distortion model {model!r}; expected one of {', '.join(filter(None, MODELS))}"
-        )
+        if d.any():
+            raise VfoaError(
+                f"{where}: found the distortion model {model!r}; expected one of {', '.join(filter(None, MODELS))}"
+            )
+        model, d = "", d[:0]
     k, r, p = (
         numbers(values[name], f"{where}: {name}", 3 * columns).reshape(3, columns)
         for name, columns in (("K", 3), ("R", 3), ("P", 4))
     )
-    return RawCamera(size_px=size_px, k=k, d=numbers(values["D"], f"{where}: D"), r=r, p=p, model=MODELS[model])
+    return RawCamera(size_px=size_px, k=k, d=d, r=r, p=p, model=MODELS[model])
 
 
 def expect_names(document: Document, names: tuple[str, ...], where: str, expected: str) -> None:

@@ -584,6 +584,18 @@ def test_fisheye_lenses_have_three_names(tmp_path: Path, name: str) -> None:
     assert not np.array_equal(images[0], picture(1))
 
 
+@pytest.mark.parametrize("zeros", [0, 5, 6])
+def test_a_lens_without_distortion_may_have_any_model(tmp_path: Path, zeros: int) -> None:
+    """As simulators write it."""
+    cameras = (replace(camera, model="pinhole", d=(0.0,) * zeros) for camera in (LEFT, RIGHT))
+    path = write_pairs(tmp_path / "a.mcap", [(stamp(1), picture(1), picture(2), *cameras)])
+    assert np.array_equal(open_clip(path).frame(1).left, picture(1))
+    cameras = (replace(camera, model="pinhole", d=(0.1,) * 5) for camera in (LEFT, RIGHT))
+    path = write_pairs(path, [(stamp(1), picture(1), picture(2), *cameras)])
+    with pytest.raises(VfoaError, match="distortion model 'pinhole'"):
+        open_clip(path).frame(1)
+
+
 @pytest.mark.parametrize(("packing", "axis"), [("side_by_side", 1), ("top_bottom", 0)])
 def test_a_topic_may_have_both_views(tmp_path: Path, packing: str, axis: int) -> None:
     """As cheap stereo cameras on USB and the ZED's driver send them."""
