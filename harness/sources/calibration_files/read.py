@@ -155,7 +155,8 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
     if basalt.is_basalt(merged):
         return basalt.PROGRAM, basalt.basalt_pair(merged, options.calibration_cameras or (0, 1), where)
     if vins.is_vins(merged):
-        return vins.PROGRAM, vins.vins_pair(merged, options.calibration_cameras or (0, 1), paths)
+        chosen, has_baseline = options.calibration_cameras or (0, 1), options.baseline_m is not None
+        return vins.PROGRAM, vins.vins_pair(merged, chosen, paths, has_baseline=has_baseline)
     if orb_slam.is_orb_slam(merged):
         return orb_slam.PROGRAM, orb_slam.orb_slam_pair(merged, size, where, rectified=options.rectified)
     if matlab.is_matlab(merged):

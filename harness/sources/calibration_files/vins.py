@@ -32,8 +32,8 @@ _MODELS: Mapping[str, tuple[Model, tuple[str, ...], str, tuple[str, ...]]] = {
     "KANNALA_BRANDT": ("equidistant", ("mu", "mv", "u0", "v0"), _OF_CAMERA, ("k2", "k3", "k4", "k5")),
 }
 _LENS_FILE = "a camera of camodocal"
-_UNKNOWN_POSE = "2"
-"""``estimate_extrinsic`` of a configuration whose poses mean nothing; with 1 they are a first guess."""
+_GUESSED_POSE, _UNKNOWN_POSE = "1", "2"
+"""``estimate_extrinsic`` of a configuration whose poses are a first guess, and of one whose poses mean nothing."""
 
 
 def is_vins(document: Document) -> bool:
@@ -41,8 +41,10 @@ def is_vins(document: Document) -> bool:
     return "body_T_cam0" in document or "cam0_calib" in document or document.keys() >= {"model_type", _OF_CAMERA}
 
 
-def vins_pair(document: Document, cameras: tuple[int, int], paths: Sequence[Path]) -> RawCalibration:
-    """Return two cameras, left and right, by their numbers.
+def vins_pair(
+    document: Document, cameras: tuple[int, int], paths: Sequence[Path], *, has_baseline: bool
+) -> RawCalibration:
+    """Return two cameras, left and right, by their numbers; ``has_baseline``: the user gives their distance.
 
     Raises
     ------
@@ -58,7 +60,13 @@ def vins_pair(document: Document, cameras: tuple[int, int], paths: Sequence[Path
         )
     names = tuple(name for number in cameras for name in (f"cam{number}_calib", f"body_T_cam{number}"))
     expect_names(document, names, where, f"the configuration of {PROGRAM} for two cameras")
-    if str(document.get("estimate_extrinsic")) == _UNKNOWN_POSE:
+    estimated = str(document.get("estimate_extrinsic"))
+    if estimated == _GUESSED_POSE and not has_baseline:
+        raise VfoaError(
+            f"{where}: estimate_extrinsic: found {_GUESSED_POSE}: body_T_cam0 and body_T_cam1 are a first guess, which "
+            f"{PROGRAM} refines; expected --baseline METRES, the distance of the cameras, or 0 if the poses are right"
+        )
+    if estimated == _UNKNOWN_POSE:
         raise VfoaError(
             f"{where}: estimate_extrinsic: found {_UNKNOWN_POSE}: {PROGRAM} ignores body_T_cam0 and body_T_cam1; "
             "expected 0, and the poses of both cameras there"

@@ -508,6 +508,15 @@ def test_the_numbers_of_one_camera_are_named_with_the_options_for_them(name: str
     assert len(find_calibrations(tmp_path, _size)[1]) == 1
 
 
+def test_poses_that_vins_fusion_refines_need_the_distance_of_the_cameras(tmp_path: Path) -> None:
+    """As of its own configuration of a D455, whose poses are 35 mm apart, and the cameras 95 mm."""
+    path = calibrations.write_vins(tmp_path / "vins.yaml", RIG)
+    write_text(path, path.read_text(encoding="utf-8").replace("extrinsic: 0   # accurate", "extrinsic: 1"))
+    with pytest.raises(VfoaError, match=r"vins\.yaml: estimate_extrinsic: found 1: .* first guess.*--baseline METRES"):
+        read_cameras([path], _size)
+    assert _raw([path], Options(baseline_m=0.095)).rectified().baseline_m == pytest.approx(0.095)
+
+
 def test_cameras_of_camodocal_need_the_configuration_that_names_them(tmp_path: Path) -> None:
     path = calibrations.write_vins(tmp_path / "vins.yaml", RIG)
     with pytest.raises(VfoaError, match=r"vins\.yaml: the baseline is -0\.1199"):
