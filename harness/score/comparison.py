@@ -22,7 +22,7 @@ from harness.score.statistics import (
     sign_flip_p,
     smallest_p,
 )
-from vfoa.errors import counted
+from vfoa.errors import VfoaError, counted
 from vfoa.types import Float
 
 POWER = 0.8
@@ -148,7 +148,14 @@ def compare_pairs(
     frames: Mapping[str, Iterable[ScoredFrames]], pairs: Iterable[tuple[str, str]]
 ) -> tuple[Comparison, ...]:
     """Compare some pairs of configurations, the reference first, as :func:`compare` does."""
-    return with_holm([_comparison(*names, pair(*(frames[name] for name in names))) for names in pairs])
+
+    def paired(reference: str, configuration: str) -> Pairs:
+        try:
+            return pair(frames[reference], frames[configuration])
+        except VfoaError as error:
+            raise VfoaError(f"{reference} and {configuration}: {error}") from None
+
+    return with_holm([_comparison(*names, paired(*names)) for names in pairs])
 
 
 def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:

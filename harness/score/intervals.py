@@ -310,10 +310,9 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
         If a frame has another true target in the second, or one was run under more seeds.
     """
     first, second = list(first), list(second)
-    seeds = {scored.seeds for scored in (*first, *second)}
-    if len(seeds) > 1:
-        raise VfoaError(f"found runs under {min(seeds)} and under {max(seeds)} seeds; expected the same number in both")
-    (repeats,) = seeds or {1}
+    repeats, *more = dict.fromkeys(scored.seeds for scored in (*first, *second)) or (1,)
+    if more:
+        raise VfoaError(f"found runs under {repeats} and under {more[0]} seeds; expected the same number in both")
     others = {(scored.clip, scored.subject): scored for scored in second}
     clips: dict[str, int] = {}
     codes: list[int] = []

@@ -130,6 +130,13 @@ def test_a_baseline_is_ranked_and_compared_by_name() -> None:
     assert compared.uncompared == ["a/one"]
 
 
+def test_runs_under_other_numbers_of_seeds_are_named() -> None:
+    _run("a", {f"one.seed{seed}": _right(*ALL) for seed in (1, 2)})
+    _run("b", {"one": _right(1, 2)})
+    with pytest.raises(VfoaError, match=r"^a/one and b/one: found runs under 2 and under 1 seeds; "):
+        compare_runs([Path("a"), Path("b")])
+
+
 def test_a_configuration_that_the_baseline_lacks_is_one_line() -> None:
     baseline, other = _run("a", {"one": _right(*ALL)}), _run("b", {"two": _right(1, 2)})
     with pytest.raises(VfoaError, match=r"^a: .*'two' of b; found one$"):
