@@ -6,6 +6,7 @@ import { sayDrawn } from "./dom.js";
 import { followFrames } from "./frame_box.js";
 import { drawForest } from "./forest.js";
 import { drawOracle } from "./oracle.js";
+import { withRun } from "./recordings.js";
 import { close, onSelection, readAddress, select, shown, step } from "./selection.js";
 import { drawErrors } from "./stacked_bars.js";
 import { data } from "./packs.js";
@@ -49,6 +50,7 @@ function listen() {
 }
 
 async function start() {
+  for (const line of document.querySelectorAll("#verdict p")) line.textContent = withRun(line.textContent);
   const isScored = data.overall.length > 0;
   if (isScored) drawForest(place("forest"));
   if (data.oracle.length) drawOracle(place("oracle"));

@@ -43,5 +43,8 @@ const run = data.run ?? (location.protocol === "file:"
 
 const quoted = (words) => (/^[\w@%+=:,./-]+$/.test(words) ? words : `'${words.replaceAll("'", `'"'"'`)}'`);
 
+// The verdict and the notes are the same wherever the run is (advice.py).
+export const withRun = (text) => text.replaceAll("vfoa view RUN", () => `vfoa view ${quoted(run)}`);
+
 export const viewCommand = (track, lane, i) =>
   `vfoa view ${quoted(run)} --clip ${quoted(data.clips[track.clip].name)} --config ${quoted(lane.name)} --frame ${track.frames[i]} --subject ${quoted(track.subject)}`;

@@ -170,16 +170,17 @@ def test_a_frame_of_a_run_without_recordings_has_no_command_that_opens_one(repor
     assert report.all("#frame code") == []
 
 
-def test_a_page_outside_its_run_has_the_command_that_opens_a_frame_of_that_run(
+def test_a_page_outside_its_run_has_the_commands_that_open_frames_of_that_run(
     report: ReportPage, tmp_path: Path
 ) -> None:
-    clips, said = [write_clip(tmp_path, "clip", TRUTH)], answers(GIVEN["one"], clip="clip")
+    clips, said = [write_clip(tmp_path, "clip", TRUTH)], answers([*GIVEN["one"][:5], "cup"], clip="clip")
     directory = write_run(tmp_path / "my runs" / "1", said, clips=clips, recording="light")
     page = tmp_path / "pages" / "cups.html"
     atomic_write(page, report_page(directory, None, "target=cup", "../my%20runs/1/"))
     report.open(page, clip="clip", config="one", subject="girl", frame=2)
     report.box("Frame 2 – wrong")
     assert report.find("#frame code").text.startswith(f"vfoa view '{directory.path}' --clip clip ")
+    assert f"(vfoa view '{directory.path}' --failures)" in report.find("#verdict").text
 
 
 @pytest.mark.parametrize("width_px", [1280, 390])
