@@ -280,7 +280,10 @@ _KALIBR_MODELS: dict[str, Model] = {
     "radial-tangential": "plumb_bob",
     "equidistant": "equidistant",
     "none": "plumb_bob",
+    "rational_polynomial": "plumb_bob",
 }
+_RATIONAL = "rational_polynomial"
+"""OpenCV's model, which Kalibr does not have: programs that write its chain from another calibration do."""
 
 
 def euroc_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCalibration:
@@ -300,8 +303,13 @@ def euroc_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCa
     return rectify_pose(first, second, right_from_left[:3, :3], right_from_left[:3, 3], " and ".join(where))
 
 
-def is_kalibr_chain(document: Document) -> bool:
-    """Whether a document holds cameras of Kalibr."""
+def kalibr_chain(document: Document) -> Document | None:
+    """The cameras of Kalibr in a document, or in its only table of them (D-Robotics' ``stereo0``); None without any."""
+    inner = [value for value in document.values() if isinstance(value, Mapping) and _is_kalibr_chain(value)]
+    return document if _is_kalibr_chain(document) else inner[0] if len(inner) == 1 else None
+
+
+def _is_kalibr_chain(document: Document) -> bool:
     return any(_KALIBR_CAMERA.fullmatch(str(name)) and isinstance(value, Mapping) for name, value in document.items())
 
 
@@ -353,8 +361,10 @@ def _kalibr_pose(chain: Mapping[int, Document], cameras: tuple[int, int], where:
 
 def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> RawCamera:
     """A camera without R and P; ``coefficients`` is the key of its distortion coefficients."""
-    expect_names(camera, ("camera_model", "distortion_model"), where, program)
-    model, distortion = str(camera["camera_model"]), str(camera["distortion_model"])
+    expect_names(camera, ("distortion_model",), where, program)
+    if (distortion := str(camera["distortion_model"])) != _RATIONAL:
+        expect_names(camera, ("camera_model",), where, program)
+    model = str(camera.get("camera_model", "pinhole"))
     if model != "pinhole" or distortion not in _KALIBR_MODELS:
         raise VfoaError(
             f"{where}: model {model}-{distortion}; expected pinhole with one of {', '.join(_KALIBR_MODELS)}"
@@ -363,7 +373,7 @@ def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> R
     d = np.zeros(0)
     if distortion != "none":
         expect_names(camera, (coefficients,), where, program)
-        d = numbers(camera[coefficients], f"{where}: {coefficients}", 4)
+        d = numbers(camera[coefficients], f"{where}: {coefficients}", 8 if distortion == _RATIONAL else 4)
     fx, fy, cx, cy = numbers(camera["intrinsics"], f"{where}: intrinsics", 4)
     width, height = numbers(camera["resolution"], f"{where}: resolution", 2)
     k: Float = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])

@@ -69,6 +69,18 @@ def _below(root: Path) -> Path:
     return root
 
 
+def _as_d_robotics(root: Path, *, is_rational: bool) -> Path:
+    """Their chain in a table, or with OpenCV's rational model, and then without camera_model."""
+    chain = yaml.safe_load(calibrations.write_kalibr(root / "c.yaml", RIG).read_text(encoding="utf-8"))
+    if not is_rational:
+        return write_yaml(root / "c.yaml", {"stereo0": chain})
+    for camera in chain.values():
+        del camera["camera_model"]
+        camera |= {"distortion_model": "rational_polynomial"}
+        camera["distortion_coeffs"] += [0.0] * (8 - len(camera["distortion_coeffs"]))
+    return write_yaml(root / "c.yaml", chain)
+
+
 NOT_COMPUTED = {"R1": np.zeros((3, 3)), "R2": np.zeros((3, 3)), "P1": np.zeros((3, 4)), "P2": np.zeros((3, 4))}
 """What a program writes for a rectification that it did not compute."""
 
@@ -96,6 +108,8 @@ FORMATS: dict[str, Callable[[Path], list[Path]]] = {
     "depthai": lambda root: [calibrations.write_depthai(root / "oak.json", RIG)],
     "orb-slam 2": lambda root: [calibrations.write_orb_slam_2(root / "mine.yaml", RIG)],
     "orb-slam 3": lambda root: [calibrations.write_orb_slam_3(root / "mine.yaml", RIG)],
+    "kalibr, as D-Robotics nests it": lambda root: [_as_d_robotics(root, is_rational=False)],
+    "kalibr, as D-Robotics converts it": lambda root: [_as_d_robotics(root, is_rational=True)],
     "openvins": lambda root: [calibrations.write_openvins(root / "camchain.yaml", RIG)],
     "kalibr, in the imu's frame": lambda root: [
         calibrations.write_openvins(root / "camchain.yaml", RIG, is_inverse=True)
