@@ -52,6 +52,11 @@ class Results:
         self.account.add(outcome.tallies)
         self.keys.update({(job.manifest.name, name): keys for name, keys in outcome.keys.items()})
 
+    def add_all(self, jobs: Iterable[ClipJob], outcomes: Iterable[ClipResult]) -> None:
+        """Add the outcomes of jobs, in their order, as they arrive."""
+        for job, outcome in zip(jobs, outcomes, strict=True):
+            self.add(job, outcome)
+
     def left(self, job: ClipJob) -> ClipJob:
         """The job without the configurations that have failed."""
         left = (each for each in job.configurations if (job.manifest.name, each.name) not in self.failures)
@@ -93,15 +98,13 @@ def run_jobs(
         units = _share(others, executor, results, progress) if cache and others else [job for job, _ in others]
         units += _share_measured(shared, executor, results) if shared else []
         units += [job for job in measured if len(job.configurations) == 1]
-    for job, outcome in zip(units, executor.run(run_clip, units, progress, lost), strict=True):
-        results.add(job, outcome)
+    results.add_all(units, executor.run(run_clip, units, progress, lost))
     if plan.fit and plan.unfitted:
         pairs = [(prepared.manifest.name, each.name) for prepared in plan.clips for each in plan.unfitted]
         results.fitted.update(plan.fit.weights(plan, _tables(directory, pairs, results), executor))
         fitted = [_with_weights(results.left(job), results.fitted) for job, _ in jobs]
         units = [unit for job in fitted for unit in _dealt(job, executor.workers if few else 1)]
-        for job, outcome in zip(units, executor.run(run_clip, units, _silent, lost), strict=True):
-            results.add(job, outcome)
+        results.add_all(units, executor.run(run_clip, units, _silent, lost))
     if cache and any(job.cache is None for job, _ in jobs):  # these have not kept to the limit themselves
         cache.trim()
     return results
@@ -152,16 +155,14 @@ def _share(
     warm_up.finish()
     for job in deadly:
         apart = [replace(job, configurations=(each,), sinks=()) for each in job.configurations]
-        for part, outcome in zip(apart, executor.run(perceive_clip, apart, _silent, lost), strict=True):
-            results.add(part, outcome)
+        results.add_all(apart, executor.run(perceive_clip, apart, _silent, lost))
         units.append(results.left(job))  # at once: they share recordings
     return [replace(job, reporters=0) for job in units if job.configurations]
 
 
 def _share_measured(jobs: Sequence[ClipJob], executor: Executor, results: Results) -> list[ClipJob]:
     """Perceive clips without images; return the jobs that remain for the workers."""
-    for job, outcome in zip(jobs, executor.run(perceive_clip, jobs, _silent, lost), strict=True):
-        results.add(job, outcome)
+    results.add_all(jobs, executor.run(perceive_clip, jobs, _silent, lost))
     dealt = [_dealt(results.left(job), executor.workers) for job in jobs]
     return [replace(job, reporters=len(of_clip)) for of_clip in dealt for job in of_clip]
 
