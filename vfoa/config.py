@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from functools import partial
 from typing import Any
 
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError, did_you_mean, located
 from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.methods import DEFAULT_METHOD, METHODS, MethodSettings, look_ahead_s, open_method
 from vfoa.pipeline import AttendSettings
@@ -58,10 +58,8 @@ def _method_class(table: Mapping[str, Any], methods: Registry, where: str) -> An
     VfoaError
         If there is no such method.
     """
-    try:
+    with located(where):
         return methods.load(str(table.get("method", DEFAULT_METHOD)))
-    except VfoaError as error:
-        raise VfoaError(f"{where}: {error}") from None
 
 
 def read_steps(

@@ -84,10 +84,8 @@ def preset_tables(name: str | None, where: str) -> Tables:
     if name is None:
         return {}
     if isinstance(name, str) and name.endswith(".toml"):
-        try:
+        with located(where):
             weights = read_fitted(Path(name)).attention.model_dump()["weights"]
-        except VfoaError as error:
-            raise VfoaError(f"{where}: {error}") from None
         return {"attention": {"method": "logit", "weights": weights}}
     if not isinstance(name, str) or name not in PRESETS:
         problem = removed(("preset",), name) or did_you_mean(str(name), PRESETS)

@@ -22,7 +22,7 @@ from harness.score.statistics import (
     sign_flip_p,
     smallest_p,
 )
-from vfoa.errors import VfoaError, counted
+from vfoa.errors import counted, located
 from vfoa.types import Float
 
 POWER = 0.8
@@ -150,10 +150,8 @@ def compare_pairs(
     """Compare some pairs of configurations, the reference first, as :func:`compare` does."""
 
     def paired(reference: str, configuration: str) -> Pairs:
-        try:
+        with located(f"{reference} and {configuration}"):
             return pair(frames[reference], frames[configuration])
-        except VfoaError as error:
-            raise VfoaError(f"{reference} and {configuration}: {error}") from None
 
     return with_holm([_comparison(*names, paired(*names)) for names in pairs])
 

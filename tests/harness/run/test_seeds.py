@@ -116,5 +116,5 @@ def fitted_and_measured(record: FrameRecord) -> FrameRecord:
 def test_runs_under_other_numbers_of_seeds_are_not_compared() -> None:
     records = [r for name in ("a.seed1", "a.seed2", "b") for r in answers(["cup"], configuration=name)]
     scores = score(records, Reference(labels={"clip": labels("cup")}))
-    with pytest.raises(VfoaError, match="under 1 and under 2 seeds"):
+    with pytest.raises(VfoaError, match="a and b: found runs under 2 and under 1 seeds"):
         compare({name: scores.frames_of(name) for name in scores.scored_configurations})
