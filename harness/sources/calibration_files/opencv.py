@@ -233,6 +233,11 @@ def _is_of_one_camera(name: str) -> bool:
     return _plain(name) in _OF_A_CAMERA["K"] or re.fullmatch(r"(?:.*[_.])?fx(?:_px)?", name.lower()) is not None
 
 
+def has_lenses(document: Document) -> bool:
+    """Whether a document has K and D of both cameras, those of images that are not rectified."""
+    return {_role(name) for name in document} >= {*_LENSES}
+
+
 def is_distortion(name: object) -> bool:
     """Whether a name is one of the distortion coefficients of a single camera."""
     return _plain(name) in _OF_A_CAMERA["D"]

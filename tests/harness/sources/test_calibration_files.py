@@ -758,6 +758,17 @@ def test_where_the_right_camera_stands_is_not_its_translation(tmp_path: Path) ->
         read_cameras([path], _size)
 
 
+def test_matrices_of_lenses_beside_orb_slam_s_rectified_camera_count(tmp_path: Path) -> None:
+    """Of a script that appends both to ORB-SLAM's settings: the camera alone says that images are rectified."""
+    settings = "Camera.fx: 640.0\nCamera.fy: 640.0\nCamera.cx: 600.0\nCamera.cy: 300.0\nCamera.bf: 76.8\n"
+    lists = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+    path = write_text(tmp_path / "mine.yml", f"{settings}{yaml.safe_dump(lists)}")
+    _assert_rows_match_and_depths_come_back(_raw([path]), RIG, _points(6))
+    rectified = read_cameras([path], _size, Options(rectified=True))
+    assert isinstance(rectified, Calibration)
+    assert (rectified.cx_px, rectified.baseline_m) == (600, pytest.approx(0.12))
+
+
 def test_a_translation_is_in_the_unit_of_its_name(tmp_path: Path) -> None:
     lists = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
     translation_mm = (1000 * np.array(lists.pop("T"))).tolist()
