@@ -15,15 +15,15 @@ from harness.record import entities
 from harness.record.composed import RecordedClip
 from harness.record.images import key_frame_every
 from harness.record.layer_file import write_whole
-from harness.record.reading import RecordingFile
+from harness.record.reading import RecordingFile, has_video
 from vfoa.errors import VfoaError
 
 
 def write_excerpt(clip: RecordedClip, subject: str | None, frame: int, margin: int, excerpt: Path) -> None:
     """Write a frame and ``margin`` neighbours on either side of all layers, with all static data.
 
-    It opens in the layout of these frames, with the subject's tab in front. Frames of a video are included from the
-    preceding key frame on, since decoding begins there.
+    It opens in the layout of these frames, with the subject's tab in front. With a video it begins at the preceding key
+    frame, since decoding begins there.
 
     Raises
     ------
@@ -37,24 +37,24 @@ def write_excerpt(clip: RecordedClip, subject: str | None, frame: int, margin: i
     recording.expect_frame(frame)
     place = clip.frames.index(frame)
     first = max(place - margin, 0)
+    if clip.files.images.is_file() and has_video(clip.files.images):
+        first -= first % key_frame_every(clip.rate_hz)
     inside = clip.frames[first : place + margin + 1]
-    every = key_frame_every(clip.rate_hz)
-    key = clip.frames[first // every * every]
     ids = RecordingFile(recording.files[0]).ids
     ids = ids._replace(recording=f"{ids.recording}-{frame}")
     layout = replace(clip, frames=inside).compose().layout(subject)
     with replacing(excerpt) as draft:
-        chunks = _all_cut(recording.files, key, inside[0], inside[-1])
+        chunks = _all_cut(recording.files, inside[0], inside[-1])
         write_whole(draft, ids, layout, chunks)
 
 
-def _all_cut(files: Iterable[Path], key: int, first: int, last: int) -> Iterator[Chunk]:
+def _all_cut(files: Iterable[Path], first: int, last: int) -> Iterator[Chunk]:
     for file in files:
-        yield from _cut(RecordingFile(file).chunks(), key, first, last)
+        yield from _cut(RecordingFile(file).chunks(), first, last)
 
 
-def _cut(chunks: Iterable[Chunk], key: int, first: int, last: int) -> Iterator[Chunk]:
-    """Yield the static chunks, and of the others the rows from ``first`` to ``last``; of videos, from ``key`` on.
+def _cut(chunks: Iterable[Chunk], first: int, last: int) -> Iterator[Chunk]:
+    """Yield the static chunks, and of the others the rows from ``first`` to ``last``.
 
     The camera is logged only when it changes: its latest row before ``first`` is kept.
     """
@@ -66,8 +66,7 @@ def _cut(chunks: Iterable[Chunk], key: int, first: int, last: int) -> Iterator[C
             yield chunk
             continue
         frames = batch.column("frame")
-        begin = key if any(name.startswith("VideoStream:") for name in batch.schema.names) else first
-        rows = batch.filter(pc.and_(pc.greater_equal(frames, begin), pc.less_equal(frames, last)))
+        rows = batch.filter(pc.and_(pc.greater_equal(frames, first), pc.less_equal(frames, last)))
         if rows.num_rows:
             yield from Chunk.from_record_batch(rows)
         at_first = batch.filter(pc.equal(frames, first))
