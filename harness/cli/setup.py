@@ -15,7 +15,7 @@ import typer
 
 from harness.cli.options import Cache, stage_names
 from harness.cli.terminal import print_table, say
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, first_line
 
 _EXAMPLE = Path(__file__).with_name("example")
 """What ``vfoa init`` leaves; ``scripts/example_clip.py`` has made its data."""
@@ -103,7 +103,7 @@ def _packages() -> Iterator[Finding]:
             module = import_module(name)
         except ImportError as error:
             fix = _LIBRARIES.get(name, "pip install --requirement requirements.lock")
-            yield Finding(what=name, state=str(error).splitlines()[0], fix=fix, required=True)
+            yield Finding(what=name, state=first_line(error), fix=fix, required=True)
         else:
             yield Finding(what=name, state=getattr(module, "__version__", "ready"))
 

@@ -22,7 +22,7 @@ from harness.record.reading import RecordingFile
 from harness.run.directory import RunDirectory
 from harness.run.manifest import RunManifest
 from harness.server.local_server import HOST
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, first_line
 
 if TYPE_CHECKING:
     from rerun.catalog import DatasetEntry
@@ -82,7 +82,7 @@ def _server(port: int) -> Server:
     try:
         return Server(host=HOST, port=port)
     except (RuntimeError, ValueError, OSError) as error:
-        raise VfoaError(f"--port {port}: cannot listen on {HOST}: {str(error).splitlines()[0]}") from None
+        raise VfoaError(f"--port {port}: cannot listen on {HOST}: {first_line(error)}") from None
 
 
 def _names(runs: Sequence[Path]) -> dict[Path, str]:
@@ -145,7 +145,7 @@ def _register(dataset: DatasetEntry, layers: Mapping[Path, str]) -> None:
     except ValueError as error:
         for file in layers:
             RecordingFile(file)  # Rerun names no file: a damaged one is an error here
-        raise VfoaError(f"{dataset.name}: Rerun refused its recordings: {str(error).splitlines()[0]}") from None
+        raise VfoaError(f"{dataset.name}: Rerun refused its recordings: {first_line(error)}") from None
 
 
 def _set_layouts(dataset: DatasetEntry, clips: Sequence[RecordedClip], folder: Path) -> None:

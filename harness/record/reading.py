@@ -14,7 +14,7 @@ from rerun.error_utils import RerunWarning
 
 from harness.record import entities
 from harness.record.layers import RecordingIds
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, first_line
 from vfoa.geometry import box_corners, rotation_of
 from vfoa.types import Box3D, Float
 
@@ -27,7 +27,7 @@ def reading(recording: Path) -> Iterator[None]:
             warnings.simplefilter("ignore", RerunWarning)  # a missing footer: what is read is complete, or an error
             yield
     except (RuntimeError, ValueError) as error:
-        raise VfoaError(f"{recording}: incomplete or damaged recording: {str(error).splitlines()[0]}") from None
+        raise VfoaError(f"{recording}: incomplete or damaged recording: {first_line(error)}") from None
 
 
 class RecordingFile:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from rerun.chunk import RrdReader
@@ -12,7 +13,7 @@ from rerun.chunk import RrdReader
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.record import entities, verdict_layer
 from harness.record.layers import ClipFiles, LayerNames, layer_names
-from harness.record.reading import RecordingFile
+from harness.record.reading import RecordingFile, reading
 from harness.record.recorder import Recorder, SharedRecorder, noted_colours
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory, new_run_id
@@ -22,6 +23,11 @@ from tests.harness.record.conftest import shared as seen_by
 from tests.record_tables import write_tables
 from tests.records import write_manifest
 from vfoa.errors import VfoaError
+
+
+def test_an_error_of_the_reader_without_a_text_is_named_by_its_kind():
+    with pytest.raises(VfoaError, match="recording: RuntimeError"), reading(Path("clip.rrd")):
+        raise RuntimeError
 
 
 def test_a_layer_is_named_after_the_first_configuration_that_has_it():
