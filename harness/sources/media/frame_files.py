@@ -149,7 +149,7 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
     return _unique(zip(numbers, names, strict=True), where)
 
 
-_SECONDS = re.compile(r"1\d{9}")
+_SECONDS, _MILLISECONDS = re.compile(r"1\d{9}"), re.compile(r"1\d{12}")
 _STAMP_DIGITS = 9
 """Least digits of a time stamp; today's have 10 in seconds."""
 _FEWER_DIGITS = 3
@@ -159,24 +159,28 @@ _FEWER_DIGITS = 3
 def _with_decimals(
     name: str, columns: Sequence[Sequence[str]], varying: Mapping[int, Sequence[str]]
 ) -> list[Sequence[str]]:
-    """The numbers that differ between names such as this one; seconds with decimals become ms, us or ns.
+    """The numbers that differ between names such as this one; seconds with decimals become ms, us or ns, and ms ns.
 
-    Such are ``1718000000.123456`` and ``1718000000_123456789``, also where all have the same decimals. Those of several
-    lengths stay apart: it is not known what they count.
+    Such are ``1718000000.123456``, ``1718000000_123456789`` and ``1718000000123.45678``, also where all have the same
+    decimals. Those of several lengths stay apart: it is not known what they count.
     """
     ends = [match.end() for match in _DIGITS.finditer(name)]
 
     def has_decimals(place: int) -> bool:
         after = columns[place + 1] if place + 1 < len(columns) else ()
-        if len({*map(len, after)}) != 1 or not all(map(_SECONDS.fullmatch, columns[place])):
+        if len({*map(len, after)}) != 1:
             return False
-        digits = len(after[0])
-        return name[ends[place]] in ("._-" if digits == 9 else "." if digits < 9 else "")
+        digits, between = len(after[0]), name[ends[place]]
+        if all(map(_MILLISECONDS.fullmatch, columns[place])):
+            return between == "."
+        is_between = between in ("._-" if digits == 9 else "." if digits < 9 else "")
+        return is_between and all(map(_SECONDS.fullmatch, columns[place]))
 
     def with_decimals(place: int) -> list[str]:
-        width = math.ceil(len(columns[place + 1][0]) / 3) * 3
+        is_ms = _MILLISECONDS.fullmatch(columns[place][0])
+        width = 6 if is_ms else math.ceil(len(columns[place + 1][0]) / 3) * 3
         both = zip(columns[place], columns[place + 1], strict=True)
-        return [second + decimals.ljust(width, "0") for second, decimals in both]
+        return [whole + decimals[:width].ljust(width, "0") for whole, decimals in both]
 
     seconds = {place for place in varying if has_decimals(place)}
     return [
@@ -277,7 +281,7 @@ _WORD = re.compile(r"left|right", re.IGNORECASE)
 _LETTER = re.compile(r"(?<![A-Za-z])[lr](?![A-Za-z])", re.IGNORECASE)
 _SUFFIX = re.compile(r"(?<=[a-z0-9])[LR](?![A-Za-z])")
 _CAMERA = re.compile(
-    r"(?<![A-Za-z])(?:camera|cam|image|img|im|i|infra|view|sensor|video)[_-]?(\d{1,2})(?!\d)", re.IGNORECASE
+    r"(?<![A-Za-z])(?:camera|cam|image|img|im|i|infra|infrared|view|sensor|video)[ _-]?(\d{1,2})(?!\d)", re.IGNORECASE
 )
 _WAYS = (("word", _WORD, 0), ("letter", _LETTER, 0), ("letter", _SUFFIX, 0), ("camera", _CAMERA, 1))
 _NUMBERED_VIEW = re.compile(r"(im|view)(\d+)(\.[^.]+)")

@@ -125,6 +125,15 @@ def yarp(root: Path, late_s: float = 0.0) -> None:
         write_text(folder / "info.log", "Type: Image;\nStamp: tx+rx;\n")
 
 
+def rs_convert(root: Path) -> None:
+    """A recording of a RealSense as rs-convert -p writes it: ms with decimals, depth as a coloured picture."""
+    for number in range(1, 4):
+        stamp = f"{1568981563427.46240234375 + 33.25 * number:.14f}.png"
+        pair(root, f"a_Infrared 1_{stamp}", f"a_Infrared 2_{stamp}", number)
+        pair(root, f"a_Color_{stamp}", f"a_Depth_{stamp}", number)
+        write_text(root / f"a_Color_metadata_{stamp[:-4]}.txt", "Stream: Color\n")
+
+
 LAYOUTS = {
     "Middlebury 2021": Layout(make=middlebury_2021, cx_right_px=33.5),
     "KITTI 2015": Layout(make=kitti_2015, said=NUMBERS, frames=3),
@@ -136,6 +145,10 @@ LAYOUTS = {
     "I1_ I2_": Layout(make=numbered, said=NUMBERS, frames=3),
     "EuRoC": Layout(make=euroc, frames=3),
     "YARP": Layout(make=yarp, said=NUMBERS, frames=3),
+    "rs-convert": Layout(make=rs_convert, said=NUMBERS, frames=3),
+    "rs_bag2image": Layout(
+        make=lambda root: images(root, "Infrared 1/{:06d}.png", "Infrared 2/{:06d}.png"), said=NUMBERS, frames=3
+    ),
     "K.txt with a baseline": Layout(make=with_matrix(K_LINE + "0.12\n"), frames=3),
     "K.txt in three lines": Layout(make=with_matrix(K_ROWS + "baseline: 0.12\n"), frames=3),
     "K.txt without a baseline": Layout(make=with_matrix(K_LINE), said=("--baseline", "0.12"), frames=3),

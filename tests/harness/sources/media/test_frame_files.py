@@ -144,6 +144,12 @@ def test_seconds_and_their_decimals_are_one_number(pattern: str) -> None:
     assert list(number_names(names, "left").values()) == names
 
 
+def test_milliseconds_and_their_decimals_are_nanoseconds() -> None:
+    """As RealSense's rs-convert names images."""
+    names = ["1568981563427.46240234375000.png", "1568981563460.79565429687500.png"]
+    assert list(number_names(names, "left")) == [1568981563427462402, 1568981563460795654]
+
+
 FRAMES_MS = (900, 940, 980, 1020, 60_000, 86_400_040)
 """Of a film over a second's, a minute's and midnight's end."""
 
