@@ -94,6 +94,8 @@ def view(
     first, *others = recordings
     if frame is not None:
         first.expect_frame(frame)
+    if folder.is_file():
+        _say_whole(folder)
     if screenshot is not None:
         with signals_as_ctrl_c():
             viewer.screenshot(first, frame, screenshot)
@@ -103,6 +105,23 @@ def view(
     else:
         with ended_by_signals():
             viewer.show(recordings, frame)
+
+
+def _say_whole(file: Path) -> None:
+    """Say which command shows the whole recording, if a file is one of its layers in the directory of a run."""
+    from harness.record.composed import find_clips
+
+    run = file.parent
+    try:
+        clips = find_clips(run, None, None)
+    except VfoaError:  # no directory of a run
+        return
+    for clip in clips:
+        for layers in clip.layers:
+            if file in clip.files.of(layers):
+                whole = vfoa_command("view", run, "--clip", clip.files.clip, "--config", layers.configuration)
+                say(f"vfoa: {file}: one layer of a recording; all of it: {whole}", err=True)
+                return
 
 
 def _error_type(name: str | None) -> str | None:

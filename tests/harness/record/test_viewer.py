@@ -360,6 +360,23 @@ def test_no_part_of_a_file_is_shown(frames, tmp_path, monkeypatch, capsys, optio
     assert f"{file}: " in capsys.readouterr().err
 
 
+def test_a_layer_that_is_opened_alone_is_said_to_be_one(frames, tmp_path, monkeypatch, capsys):
+    """It has no images or no cones, and a viewer shows errors in their place."""
+    recorded = write_run(tmp_path / "run", {"one": frames, "two": frames})
+    monkeypatch.setattr(viewer, "show", lambda recordings, frame: None)
+    alone = tmp_path / "alone.rrd"
+    write_excerpt(find_clips(recorded.run, None, "two")[0], None, 13, 1, alone)
+    for file, said in (
+        (recorded.files.attention("two"), f"view {recorded.run} --clip clip --config two"),
+        (recorded.files.images, f"view {recorded.run} --clip clip --config one"),
+        (alone, ""),
+    ):
+        assert _vfoa(monkeypatch, "view", str(file)) == 0
+        error = capsys.readouterr().err
+        assert said in error
+        assert bool(error) == bool(said)
+
+
 def test_two_configurations_are_compared_side_by_side_by_one_command(frames, tmp_path, monkeypatch, capsys):
     run = write_run(tmp_path / "run", {"one": frames, "two": frames}).run
     before = sorted(run.iterdir())
