@@ -136,7 +136,8 @@ def from_projections(
 ) -> Calibration:
     """Return the calibration in two projection matrices (3, 4) of a rectified pair, fourth columns in pixel metres.
 
-    B = (P_left[0, 3] - P_right[0, 3]) / fx: in KITTI's files neither camera is the origin.
+    B is the distance to the right of two cameras at -K^-1 p, p the fourth column: (P_left[0, 3] - P_right[0, 3]) / fx
+    where P[2, 3] = 0. In KITTI's files neither camera is the origin, and on some days they are 3 mm apart along z.
 
     Raises
     ------
@@ -152,8 +153,9 @@ def from_projections(
                 f"{where}: {name} is {left[row, column]:g} left and {right[row, column]:g} right; "
                 "expected the same in a rectified pair"
             )
-    baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
-    if baseline == 0 and (height := (left[1, 3] - right[1, 3]) / left[1, 1]):
+    column_left, column_right = (p[:2, 3] - p[:2, 2] * p[2, 3] for p in (left, right))
+    baseline, height = (column_left - column_right) / left[[0, 1], [0, 1]]
+    if baseline == 0 and height:
         raise ProjectionError(
             f"{where}: the cameras stand above each other, {abs(height):g} m apart; expected side by side: turn the "
             "images of both by 90 degrees, and calibrate them again"

@@ -1038,6 +1038,15 @@ def _kitti(*matrices: Float, names: tuple[str, ...] = ("P2", "P3")) -> str:
     return "".join(f"{name}: {row}\n" for name, row in zip(names, rows, strict=True))
 
 
+def test_a_camera_that_stands_ahead_of_the_other_does_not_change_the_baseline(tmp_path: Path) -> None:
+    """As KITTI's colour cameras do, by some mm; P = K [I | -C] of a camera at C (Hartley and Zisserman, 6.1.2)."""
+    k = _projection(700, 600)[:, :3]
+    places = [[-0.06, 0.0, 0.0], [0.47, 0.004, 0.003]]
+    left, right = (k @ np.column_stack([np.eye(3), -np.array(place)]) for place in places)
+    write_text(tmp_path / "calib.txt", _kitti(left, right))
+    assert _read(tmp_path / "calib.txt").baseline_m == pytest.approx(0.53, abs=1e-9)
+
+
 def test_kitti_s_baseline_is_the_difference_of_the_fourth_columns(shared_data: Path) -> None:
     calibration = _read(shared_data / "kitti_pair" / "calib.txt")
     assert calibration.baseline_m == pytest.approx(0.532, abs=0.002)
