@@ -1,0 +1,139 @@
+"""Calibrations that programs with OpenCV write, under many names."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from harness.sources.calibration_files.read import METRES, Options, Unit, read_cameras
+from tests.calibration_formats import (
+    FISHEYE,
+    assert_rows_match_and_depths_come_back,
+    points_ahead,
+    projection,
+    read_raw,
+    read_rectified,
+    size_px,
+)
+from tests.calibrations import RIG, SIZE, opencv_nodes, write_opencv, write_yaml
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        {"image_size": {"width": 1280, "height": 720}},
+        {"imageSizeWidth": 1280, "imageSizeHeight": 720},
+        {"resolution": "1280x720"},
+        {"image_shape": [720, 1280, 3]},
+    ],
+)
+def test_the_size_that_a_file_says_is_that_of_its_calibration(tmp_path: Path, size: dict[str, Any]) -> None:
+    """Images of half the size must not be rectified by the matrices as they are."""
+    lists = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+    path = write_text(tmp_path / "c.json", json.dumps(lists | size))
+    assert read_raw([path]).left.size_px == SIZE
+
+
+def test_cameras_0_and_1_are_a_pair(tmp_path: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    from_0 = {f"{name[0]}{int(name[1]) - 1}" if name[1:] else name: value for name, value in nodes.items()}
+    found, expected = (read_raw([write_opencv(tmp_path / "c.yml", each)]) for each in (from_0, nodes))
+    assert (found.left, found.right) == (expected.left, expected.right)
+    with pytest.raises(VfoaError, match="three cameras"):
+        read_raw([write_opencv(tmp_path / "c.yml", from_0 | nodes)])
+
+
+def test_a_camera_matrix_of_rows_times_matrices_is_refused(tmp_path: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    path = write_opencv(tmp_path / "c.yml", nodes | {"K1": nodes["K1"].T, "K2": nodes["K2"].T})
+    with pytest.raises(VfoaError, match=r"left: K: found .*expected \[fx 0 cx; 0 fy cy; 0 0 1\]"):
+        read_raw([path])
+
+
+def test_a_camera_matrix_that_was_computed_is_read(tmp_path: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    path = write_opencv(tmp_path / "c.yml", nodes | {"K1": nodes["K1"] + 1e-13 * np.ones((3, 3))}, SIZE)
+    assert_rows_match_and_depths_come_back(read_raw([path]), RIG, points_ahead(6))
+
+
+def test_a_matrix_without_numbers_is_not_set(tmp_path: Path) -> None:
+    """As cv2.FileStorage writes a Mat that nobody filled: the right lens would be one without distortion."""
+    path = write_opencv(tmp_path / "c.yml", opencv_nodes(RIG) | {"D2": np.zeros((0, 0))})
+    with pytest.raises(VfoaError, match=r"c\.yml: found D1, K1, K2, R, T, and zeros or nothing as D2; expected K1 D1"):
+        read_raw([path])
+
+
+@pytest.mark.parametrize("said", [{"fisheye": True}, {"camera_model": "fisheye"}, {"distortion_model": "equidistant"}])
+def test_a_file_that_says_so_is_of_fisheye_lenses(tmp_path: Path, said: dict[str, Any]) -> None:
+    values = {name: value.tolist() for name, value in opencv_nodes(FISHEYE).items()}
+    cameras = read_raw([write_text(tmp_path / "c.json", json.dumps({**values, **said}))])
+    assert_rows_match_and_depths_come_back(cameras, FISHEYE, points_ahead(3))
+
+
+def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    path = write_opencv(tmp_path / "c.yml", nodes | {"T": nodes["T"] * 1000}, SIZE)
+    found = read_raw([path], Options(calibration_unit="mm"))
+    assert found.rectified().baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m))
+    assert_rows_match_and_depths_come_back(found, RIG, points_ahead(2))
+
+
+@pytest.mark.parametrize("said", [{"baseline_mm": 119.9}, {"baseline_cm": 12}, {"calculated_baseline_m": 0.1199}])
+@pytest.mark.parametrize("unit", METRES)
+def test_a_baseline_with_its_unit_says_that_of_the_matrices(tmp_path: Path, said: dict[str, float], unit: Unit) -> None:
+    """People's scripts save it beside T, in a unit of its own."""
+    lists = {name: (value / (METRES[unit] if name == "T" else 1)).tolist() for name, value in opencv_nodes(RIG).items()}
+    path = write_text(tmp_path / "c.json", json.dumps({**lists, **said}))
+    assert_rows_match_and_depths_come_back(read_raw([path]), RIG, points_ahead(4))
+    given = read_raw([path], Options(calibration_unit="m")).rectified().baseline_m
+    assert given == pytest.approx(np.linalg.norm(RIG.translation_m) / METRES[unit])
+    write_text(path, json.dumps({**lists, "baseline_mm": 40}))
+    with pytest.raises(VfoaError, match=r"c\.json: baseline_mm: found 40, and cameras .*calibration_unit"):
+        read_raw([path])
+    assert read_raw([path], Options(baseline_m=0.3)).rectified().baseline_m == pytest.approx(0.3)
+
+
+def test_where_the_right_camera_stands_is_not_its_translation(tmp_path: Path) -> None:
+    """Written by hand, or of a program whose poses go from camera to room, T begins with the positive baseline."""
+    nodes = opencv_nodes(RIG)
+    path = write_yaml(tmp_path / "c.yaml", {name: value.tolist() for name, value in nodes.items()} | {
+        "T": (-nodes["R"].T @ nodes["T"].reshape(3)).tolist()
+    })  # fmt: skip
+    with pytest.raises(VfoaError, match=r"c\.yaml: .* baseline is -0\.1199.*x_right = R x_left \+ T.*T = -R times it"):
+        read_cameras([path], size_px)
+
+
+def test_a_translation_is_in_the_unit_of_its_name(tmp_path: Path) -> None:
+    lists = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+    translation_mm = (1000 * np.array(lists.pop("T"))).tolist()
+    for said in ({"translation_mm": translation_mm}, {"extrinsics": {"T_mm": translation_mm}}):
+        path = write_text(tmp_path / "c.json", json.dumps({**lists, **said}))
+        assert_rows_match_and_depths_come_back(read_raw([path]), RIG, points_ahead(5))
+
+
+def test_opencv_s_projections_are_read(tmp_path: Path) -> None:
+    pair = {"P1": projection(50, 30), "P2": projection(50, 33, -5.0)}
+    path = write_opencv(tmp_path / "c.yml", {**pair, "D1": np.zeros((1, 5))})
+    calibration = read_rectified(path)
+    assert (calibration.baseline_m, calibration.cx_px, calibration.cx_right_px) == (0.1, 30.0, 33.0)
+    assert read_rectified(path, Options(calibration_unit="mm")).baseline_m == pytest.approx(1e-4)
+
+
+def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
+    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    rotation, _ = cv2.Rodrigues(np.array([0.01, 0.02, -0.01]))
+    translation = np.array([[-0.12], [0.001], [0.002]])
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(K, np.zeros(5), K, np.zeros(5), (640, 480), rotation, translation)
+    nodes = {"R": rotation, "T": translation, "R1": R1, "R2": R2, "P1": P1, "P2": P2}
+    path = write_opencv(tmp_path / "extrinsics.yml", nodes)
+    with pytest.raises(VfoaError, match=r"extrinsics\.yml: .*R1.*rectified = true"):
+        read_rectified(path)
+    calibration = read_rectified(path, Options(rectified=True))
+    assert calibration.baseline_m == pytest.approx(np.linalg.norm(translation))
