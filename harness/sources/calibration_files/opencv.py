@@ -108,26 +108,30 @@ def opencv_pair(
 
 
 def _unit_m(document: Document, cameras: Cameras, where: str) -> float:
-    """The unit of a file's translation, by its name (``translation_mm``) or by a baseline whose name has a unit.
+    """The unit of a file's matrices, by a translation or a baseline whose name has a unit (``translation_mm``).
 
-    People write ``baseline_mm`` beside matrices in metres, too, so the two are compared.
+    People write both beside matrices in metres, too, so the lengths are compared.
     """
-    values = dict(_one_level(document))
-    if by_name := [_WITH_UNIT[plain] for name in values if (plain := _plain(name)) in _WITH_UNIT]:
-        return by_name[0]
-    stated = [(name, unit[1]) for name in values if (unit := _BASELINE.fullmatch(_plain(name)))]
-    if not stated:
+    values = {name: value for name, value in _one_level(document) if _stated_unit_m(name) and value is not None}
+    if not values:
         return 1.0
-    name, own = stated[0]
-    (baseline,) = numbers(values[name], f"{where}: {name}", 1)
+    name = min(values, key=lambda name: _plain(name) not in _WITH_UNIT)
+    baseline, own_m = float(np.linalg.norm(numbers(values[name], f"{where}: {name}"))), _stated_unit_m(name)
     length = (cameras if isinstance(cameras, Calibration) else cameras.rectified()).baseline_m
     for unit_m in _UNITS_M.values():
-        if 1 / _MOST_OFF < baseline * _UNITS_M[own] / (length * unit_m) < _MOST_OFF:
+        if 1 / _MOST_OFF < baseline * own_m / (length * unit_m) < _MOST_OFF:
             return unit_m
     raise VfoaError(
         f"{where}: {name}: found {baseline:g}, and cameras {length:g} apart by the matrices; expected the same in m, "
         'cm or mm: say calibration_unit = "mm" (or "cm", "m"), the unit of the matrices, or baseline_m = in [source]'
     )
+
+
+def _stated_unit_m(name: str) -> float:
+    """The unit in the name of a translation or a baseline; 0 of any other name."""
+    plain = _plain(name)
+    is_baseline = _BASELINE.fullmatch(plain)
+    return _UNITS_M[is_baseline[1]] if is_baseline else _WITH_UNIT.get(plain, 0.0)
 
 
 def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
@@ -245,8 +249,10 @@ def is_distortion(name: object) -> bool:
 
 def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
     names: dict[str, str] = {}
-    for name in document:
+    for name in sorted(document, key=lambda name: _plain(name) in _WITH_UNIT):
         role = _role(name)
+        if role in names and _plain(name) in _WITH_UNIT:  # the same in another unit, which is compared
+            continue
         if role in names:
             raise VfoaError(f"{where}: {names[role]} and {name} both are {role}; expected one of them")
         if role is not None:

@@ -118,6 +118,17 @@ def test_a_translation_is_in_the_unit_of_its_name(tmp_path: Path) -> None:
         assert_rows_match_and_depths_come_back(read_raw([path]), RIG, points_ahead(5))
 
 
+@pytest.mark.parametrize("said", [{"T": [-0.1, 0, 0]}, {"T": [-100, 0, 0]}, {"translation_m": [-0.1, 0, 0]}, {}])
+@pytest.mark.parametrize("more", [{"translation_mm": [-100, 0, 0]}, {"baseline_mm": -100}, {"baseline_mm": None}])
+def test_a_translation_in_mm_may_stand_beside_matrices_in_another_unit(
+    tmp_path: Path, said: dict[str, object], more: dict[str, object]
+) -> None:
+    """Scripts of people copy T[0], or all of T, in mm, to a name of its own."""
+    pair = {"P1": projection(50, 30).tolist(), "P2": projection(50, 33, -5.0).tolist()}
+    path = write_text(tmp_path / "c.json", json.dumps({**pair, **said, **more}))
+    assert read_rectified(path, Options(rectified=True)).baseline_m == pytest.approx(0.1)
+
+
 def test_opencv_s_projections_are_read(tmp_path: Path) -> None:
     pair = {"P1": projection(50, 30), "P2": projection(50, 33, -5.0)}
     path = write_opencv(tmp_path / "c.yml", {**pair, "D1": np.zeros((1, 5))})
