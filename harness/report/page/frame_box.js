@@ -122,7 +122,7 @@ function values({ track, lane, i }) {
       element("td", {}, level), ...numbers.map((each) => element("td", { class: "n" }, decimals(each))));
   });
   const others = known.filter((each) => !told(each)).map(([code]) => nameOf(code)).filter((name) => name !== "none");
-  const rest = others.length ? `No attention to ${others.join(", ")}.` : known.length ? "" : "No attention values.";
+  const rest = others.length ? `Attention below 0.002: ${others.join(", ")}.` : known.length ? "" : "No attention values.";
   const near = data.stride > 1 && i % data.stride ? ` Values of frame ${track.frames[i - i % data.stride]}.` : "";
   return element("div", {}, ...(rows.length ? [element("table", {}, head, ...rows)] : []), element("p", { class: "small" }, rest + near));
 }

@@ -56,7 +56,7 @@ async function start() {
   if (data.oracle.length) drawOracle(place("oracle"));
   if (data.calibration.length) drawCalibration(place("calibration"));
   if (isScored) await drawErrors(place("errors"));
-  fillTables();
+  fillTables(withRun);
   if (!data.clips.some((each) => each.subjects.length)) {
     place("timeline").append("No person has a name or a label.");
     return;

@@ -43,7 +43,7 @@ const run = data.run ?? (location.protocol === "file:"
 
 const quoted = (words) => (/^[\w@%+=:,./-]+$/.test(words) ? words : `'${words.replaceAll("'", `'"'"'`)}'`);
 
-// The verdict and the notes are the same wherever the run is (advice.py).
+// The verdict and the notes of tables are the same wherever the run is (advice.py).
 export const withRun = (text) => text.replaceAll("vfoa view RUN", () => `vfoa view ${quoted(run)}`);
 
 export const viewCommand = (track, lane, i) =>

@@ -61,15 +61,16 @@ export function tableOf({ title, columns, words, rows, notes = [], links = {} })
     ...(notes.length ? [element("ul", { class: "small" }, ...notes.map((note) => element("li", {}, note)))] : []));
 }
 
-export function fillTables() {
+/** Fill the tables as their sections are opened; `said` changes the words of their notes. */
+export function fillTables(said = (note) => note) {
   for (const fold of document.querySelectorAll("details[data-table]")) {
     const fill = async () => {
       if (!fold.open || fold.dataset.filled) return;
       fold.dataset.filled = "yes";
       const tables = await packedJson("tables");
-      const { links = {}, ...table } = tables[Number(fold.dataset.table)];
+      const { links = {}, notes = [], ...table } = tables[Number(fold.dataset.table)];
       const leadTo = Object.entries(links).map(([column, addresses]) => [column, (place) => addresses[place]]);
-      fold.append(tableOf({ ...table, links: Object.fromEntries(leadTo) }));
+      fold.append(tableOf({ ...table, notes: notes.map(said), links: Object.fromEntries(leadTo) }));
     };
     fold.addEventListener("toggle", fill);
     fill();

@@ -181,6 +181,10 @@ def test_a_page_outside_its_run_has_the_commands_that_open_frames_of_that_run(
     report.box("Frame 2 – wrong")
     assert report.find("#frame code").text.startswith(f"vfoa view '{directory.path}' --clip clip ")
     assert f"(vfoa view '{directory.path}' --failures)" in report.find("#verdict").text
+    report.js("for (const fold of document.querySelectorAll('details')) fold.open = true")
+    notes = "return [...document.querySelectorAll('details[data-table] li')].map((note) => note.textContent).join()"
+    wait_for(lambda: f"vfoa view '{directory.path}'" in report.js(notes))
+    assert "RUN" not in report.js(notes)
 
 
 @pytest.mark.parametrize("width_px", [1280, 390])
