@@ -252,10 +252,27 @@ class Exchange:
 
     def target(self, name: str, subject: str, where: str) -> str:
         """Our name of a subject's target, as :meth:`subject`; :class:`VfoaError` if it is the subject itself."""
-        ours = self.names.expect(name, {*self.targets, *self.subjects, *RESERVED}, "target", where, subject)
+        ours = self.names.expect(name, self._known_targets, "target", where, subject)
         if ours == subject:
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
         return ours
+
+    def looks_of(self, *spellings: str) -> tuple[str, str] | None:
+        """Subject and target of looks with a name of their own, ``SUBJECT:TARGET`` by ours; None of any other name.
+
+        Of the spellings, the first one counts that the user renames; else the last one, if the clip has the target:
+        people call a tier ``girl:speech``, too.
+        """
+        renamed = [ours for theirs in spellings if (ours := self.names.translate(theirs)) != composed(theirs)]
+        subject, _, target = (*renamed, composed(spellings[-1]))[0].partition(":")
+        if not target or subject not in self.subjects:
+            return None
+        is_known = self.names.translate(target, subject) in self._known_targets
+        return (subject, target) if renamed or is_known else None
+
+    @property
+    def _known_targets(self) -> set[str]:
+        return {*self.targets, *self.subjects, *RESERVED}
 
     def labels(self, rows: Iterable[LabelRange], path: object) -> Imported:
         """Return labels with filled gaps, with notes: the number of filled frames, renames that matched nothing.

@@ -135,11 +135,8 @@ class _OfLooks(NamedTuple):
 
 def _look(track: ShapeTrack, exchange: Exchange) -> tuple[str, str] | None:
     """Subject and target of a track whose label is ``SUBJECT:TARGET`` by our name for it; None of any other."""
-    ours = exchange.names.translate(numbered := f"{track.label}#{track.number}")
-    if ours == numbered:
-        ours = exchange.names.translate(track.label)
-    subject, _, target = ours.partition(":")
-    return (subject, target) if target and subject in exchange.subjects and not _HEAD.fullmatch(ours) else None
+    found = exchange.looks_of(f"{track.label}#{track.number}", track.label)
+    return None if found and _HEAD.fullmatch(":".join(found)) else found
 
 
 def name_in(attributes: Mapping[str, str]) -> str:

@@ -51,7 +51,7 @@ def from_tiers(
     VfoaError
         If no tier is a subject's, or an annotation has no time in a film, or is no label.
     """
-    looks = {tier: found for tier in sizes if (found := _looks(exchange.names.translate(tier), exchange))}
+    looks = {tier: found for tier in sizes if (found := _looks(tier, exchange))}
     if not looks:
         present = ", ".join(map(repr, sizes)) or "none"
         raise VfoaError(
@@ -81,12 +81,12 @@ def from_tiers(
     return Imported(labels=imported.labels, notes=(*imported.notes, *notes))
 
 
-def _looks(name: str, exchange: Exchange) -> tuple[str, str] | None:
-    """The subject of a tier by our name for it, and the target of all its looks, "" if their values are the targets."""
-    if name in exchange.subjects:
+def _looks(tier: str, exchange: Exchange) -> tuple[str, str] | None:
+    """The subject of a tier, and the target of all its looks, "" if their values are the targets."""
+    if (name := exchange.names.translate(tier)) in exchange.subjects:
         return name, ""
-    subject, _, target = name.partition(":")
-    return (subject, target) if target and subject in exchange.subjects and f":{target}" not in _EXTRAS else None
+    found = exchange.looks_of(tier)
+    return None if found and f":{found[1]}" in _EXTRAS else found
 
 
 def _unread(annotations: Sequence[Annotation], target: str, option: str) -> str:

@@ -114,6 +114,9 @@ def test_labels_of_a_look_at_one_target_are_looks(tmp_path: Path) -> None:
     assert {(name, kind) for name, kind, _ in places(imported.drawn)} == {("girl", "head")}
     assert imported.notes == ()
     assert read(tmp_path, *tracks[:3], renamed=renamed).labels == imported.labels
+    with_hand = read(tmp_path, *tracks, cvat_track("girl:hand", cvat_box(2, (0, 0, 9, 9)), number=4), renamed=renamed)
+    assert with_hand.labels == imported.labels
+    assert [note.partition("left out: ")[2] for note in with_hand.notes] == ["girl:hand#4."]
     with pytest.raises(VfoaError, match=r"found 'none'; expected 'cup', which another shape has"):
         read(tmp_path, *tracks, cvat_track("no_eye_contact", cvat_box(3, (0, 0, 9, 9)), number=4), renamed=renamed)
     with pytest.raises(VfoaError, match=r"unknown target 'mug'"):

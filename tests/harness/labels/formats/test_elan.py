@@ -123,6 +123,13 @@ def test_a_tier_may_be_of_one_person_s_looks_at_one_target(tmp_path: Path) -> No
         Elan().read(path, exchange(renamed={"host": "girl:pub"}))
 
 
+def test_a_tier_named_after_a_subject_and_no_target_is_of_something_else(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.txt", "girl:cup\t\t0.0\t0.08\t\ngirl:speech\t\t0.1\t0.2\tmy cup\n")
+    imported = Elan().read(path, exchange())
+    assert imported.labels.ranges == (row(1, 2, "cup"),)
+    assert imported.notes == (f"{path}: tier 'girl:speech' belongs to no subject and is left out.",)
+
+
 @pytest.mark.parametrize(
     ("gaps", "filled"), [("ignore", row(3, 5, "ignore", note="not labelled yet")), ("none", row(3, 5, "none"))]
 )
