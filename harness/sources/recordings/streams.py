@@ -138,7 +138,8 @@ def _find_pair(topics: Iterable[Topic], left: str | None, right: str | None, whe
         )
     if left is not None and right is not None:
         return named(images, left, "left", where), named(images, right, "right", where)
-    pairs = _best_of_each_rig(_pairs(_with_messages(images), left, right) or _pairs(images, left, right))
+    sent = _with_messages(images)
+    pairs = _best_of_each_rig(next(filter(None, (_pairs(of, left, right) for of in (_taken(sent), sent, images))), []))
     if len(pairs) != 1:
         raise VfoaError(
             f"{where}: {len(pairs)} pairs of image topics named left and right; say left = and right = in [source] "
@@ -151,6 +152,22 @@ def _find_pair(topics: Iterable[Topic], left: str | None, right: str | None, whe
 def _with_messages(topics: Iterable[Topic]) -> list[Topic]:
     """Those that were sent: a recorder lists also what was only advertised."""
     return [topic for topic in topics if topic.places]
+
+
+_DRAWN = re.compile(
+    "[/_](seg|(semantic|segment|instance|label|mask|annot|overlay|detect)[a-z]*|visuali[sz]ation|viz|debug|dbg"
+    "|marked|b(ounding_)?box(es)?|heatmap|normals)(?![a-z])"
+)
+"""Names of images that a simulator labelled, or a program drew on, in lower case, as a pattern."""
+
+
+def _taken(images: Iterable[Topic]) -> list[Topic]:
+    """Pictures that a camera took: neither depth nor what a program drew."""
+    return [
+        topic
+        for topic in images
+        if not may_be_depth(topic.name, topic.header) and not _DRAWN.search(f"/{topic.name.lower()}")
+    ]
 
 
 def _pairs(images: Iterable[Topic], left: str | None = None, right: str | None = None) -> list[tuple[Topic, Topic]]:
@@ -169,7 +186,7 @@ def _pairs(images: Iterable[Topic], left: str | None = None, right: str | None =
 
 
 def _best_of_each_rig(pairs: Iterable[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
-    """One pair of each rig, whose topics have the same name before the side: not depth, rectified, in colour, raw.
+    """One pair of each rig, whose topics have the same name before the side: rectified, in colour, raw.
 
     Pairs with a tenth less frames than another one of the rig count less than that.
     """
@@ -183,9 +200,8 @@ def _best_of_each_rig(pairs: Iterable[tuple[Topic, Topic]]) -> list[tuple[Topic,
 def _worth(most: int, pair: tuple[Topic, Topic]) -> tuple[bool | int, ...]:
     """Rank of a pair among those of its rig, of which one has ``most`` frames; a higher one is better."""
     left, frames = pair[0], _frames_of(pair)
-    is_picture = not may_be_depth(left.name, left.header)
     is_raw = left.type.kind == "raw"
-    return is_picture, frames >= 0.9 * most, left.is_called_rectified, not _is_gray(left), is_raw, frames
+    return frames >= 0.9 * most, left.is_called_rectified, not _is_gray(left), is_raw, frames
 
 
 def _frames_of(pair: tuple[Topic, Topic]) -> int:
@@ -279,6 +295,7 @@ def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
         if topic.places and topic not in depths and not may_be_depth(topic.name, topic.header)
         if not _NO_COLOUR.search(topic.name.lower())
     ]
+    others = _taken(others) or others
     by_name = [topic for topic in others if any(word in topic.name.lower() for word in _COLOUR)]
     return _of_streams(by_name or [topic for topic in others if "depth" not in topic.name.lower()])
 

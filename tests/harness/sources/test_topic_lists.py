@@ -1,0 +1,78 @@
+"""What is read of recordings with the topics that cameras, simulators and data sets of other people have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+
+from harness.sources.recordings.image_message import ImageMessage
+from harness.sources.recordings.messages import MessageType
+from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.streams import Streams, find_streams
+from harness.sources.recordings.topics import Place, Topic
+
+ENCODINGS = ("rgb8", "bgra8", "mono8", "16UC1", "32FC1")
+
+
+def topic(line: str) -> Topic:
+    """``NAME [ENCODING] [COUNT] [@FRAME]``: a calibration, or images, by default in rgb8 and 9 of them."""
+    name, *words = line.split()
+    frame = next((word[1:] for word in words if word[0] == "@"), name.rpartition("/")[0])
+    form = next((word for word in words if word in ENCODINGS), "rgb8")
+    count = next((int(word) for word in words if word.isdigit()), 9)
+    ros = "CameraInfo" if "camera_info" in name else "CompressedImage" if name.endswith("compressed") else "Image"
+    kind = MessageType(message_encoding="cdr", schema_encoding="ros2msg", name=f"sensor_msgs/msg/{ros}", schema=b"")
+    header = None if ros == "CameraInfo" else ImageMessage(form=form, data=b"", frame_id=frame)
+    return Topic(name, kind, count, [Place(number, 0, number, 0) for number in range(count)], header=header)
+
+
+def find(lines: Iterable[str], **settings: str) -> Streams:
+    return find_streams([*map(topic, lines)], RecordingSettings(recording="a.bag", **settings), "a.bag")
+
+
+def names(streams: Streams) -> tuple[str | None, ...]:
+    return tuple(None if stream is None else stream.name for stream in streams)
+
+
+TESSE = (
+    *("/tesse/depth_cam/mono/image_raw 32FC1 @left_cam", "/tesse/left_cam/rgb/image_raw @left_cam"),
+    *("/tesse/seg_cam/camera_info @left_cam", "/tesse/seg_cam/rgb/image_raw @left_cam"),
+)
+VIODE = ("/cam0/image_raw 9", "/cam1/image_raw 9", "/cam0/segmentation 10", "/cam1/segmentation 10")
+CENTER = "/airsim_node/drone_1/front_center"
+AIRSIM = tuple(f"{CENTER}/{image} @optical" for image in ("DepthPlanar 32FC1", "Scene", "Segmentation"))
+DETECTIONS = tuple(f"/stereo/{side}/{image}" for side in ("left", "right") for image in ("detections", "image_raw"))
+ANNOTATED = tuple(
+    f"/camera/{image} @color"
+    for image in ("aligned_depth_to_color/image_raw 16UC1", "color/image_annotated", "color/image_raw")
+)
+ISAAC = ("/rgb_left @left", "/rgb_right @right", "/depth_left 32FC1 @left", "/depth_right 32FC1 @right")
+YOLO = tuple(
+    image.format(side) for image in ("/stereo/{}/image_rect_color", "/yolo/{}/dbg_image") for side in ("left", "right")
+)
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        (TESSE, ("/tesse/left_cam/rgb/image_raw", None, "/tesse/depth_cam/mono/image_raw")),
+        (VIODE, ("/cam0/image_raw", "/cam1/image_raw", None)),
+        (AIRSIM, (f"{CENTER}/Scene", None, f"{CENTER}/DepthPlanar")),
+        (DETECTIONS, ("/stereo/left/image_raw", "/stereo/right/image_raw", None)),
+        (ANNOTATED, ("/camera/color/image_raw", None, "/camera/aligned_depth_to_color/image_raw")),
+        (YOLO, ("/stereo/left/image_rect_color", "/stereo/right/image_rect_color", None)),
+        (ISAAC, ("/rgb_left", "/rgb_right", "/depth_left")),
+    ],
+)
+def test_what_a_camera_took_is_read_and_not_what_a_program_drew(
+    lines: tuple[str, ...], expected: tuple[str | None, ...]
+) -> None:
+    """Labels of simulators (uHumans2, VIODE, AirSim), overlays of detectors, and depth of both sides (Isaac Sim)."""
+    assert names(find(lines)) == expected
+
+
+def test_what_a_program_drew_is_read_by_its_name_or_alone() -> None:
+    drawn = ("/stereo/left/detections", "/stereo/right/detections", None)
+    assert names(find(DETECTIONS, left=drawn[0])) == drawn
+    assert names(find([line for line in DETECTIONS if "image" not in line])) == drawn
