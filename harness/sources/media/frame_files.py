@@ -281,7 +281,8 @@ _WORD = re.compile(r"left|right", re.IGNORECASE)
 _LETTER = re.compile(r"(?<![A-Za-z])[lr](?![A-Za-z])", re.IGNORECASE)
 _SUFFIX = re.compile(r"(?<=[a-z0-9])[LR](?![A-Za-z])")
 _CAMERA = re.compile(
-    r"(?<![A-Za-z])(?:camera|cam|image|img|im|i|infra|infrared|view|sensor|video)[ _-]?(\d{1,2})(?!\d)", re.IGNORECASE
+    r"(?<![A-Za-z])(?:(?:camera|cam|image|img|im|i|infra|view|sensor|video)[_-]?|infrared )(\d{1,2})(?!\d)",
+    re.IGNORECASE,
 )
 _WAYS = (("word", _WORD, 0), ("letter", _LETTER, 0), ("letter", _SUFFIX, 0), ("camera", _CAMERA, 1))
 _NUMBERED_VIEW = re.compile(r"(im|view)(\d+)(\.[^.]+)")
