@@ -38,8 +38,7 @@ Streams = Sides[Topic]
 def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: str) -> Streams:
     """Return the named topics; else the only pair, with the depth of its left camera; else colour and depth.
 
-    Colour with aligned depth, or that of RealSense's SDK, is preferred to a pair in infrared, in which a depth camera's
-    pattern may be seen.
+    Colour with aligned depth is preferred to a pair in infrared, in which a depth camera's pattern may be seen.
 
     Raises
     ------
@@ -68,7 +67,7 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
     if settings.left is None and settings.right is None and settings.depth is None and _is_infrared(left):
         with suppress(VfoaError):
             colour, depth = _find_colour_and_depth(topics, None, None, where)
-            if is_aligned(depth, colour) or depth.name.startswith(_REALSENSE_SDK):  # it records how to register depth
+            if is_aligned(depth, colour):
                 return Sides(colour, None, depth)
     if settings.depth is not None:
         images = (topic for topic in topics if topic.is_image)
