@@ -164,16 +164,16 @@ def _with_decimals(
     Such are ``1718000000.123456``, ``1718000000_123456789`` and ``1718000000123.45678``, also where all have the same
     decimals. Those of several lengths stay apart: it is not known what they count.
     """
-    ends = [match.end() for match in _DIGITS.finditer(name)]
+    spans = [match.span() for match in _DIGITS.finditer(name)]
 
     def has_decimals(place: int) -> bool:
         after = columns[place + 1] if place + 1 < len(columns) else ()
         if len({*map(len, after)}) != 1:
             return False
-        digits, between = len(after[0]), name[ends[place]]
+        digits, between = len(after[0]), name[spans[place][1] : spans[place + 1][0]]
         if all(map(_MILLISECONDS.fullmatch, columns[place])):
             return between == "."
-        is_between = between in ("._-" if digits == 9 else "." if digits < 9 else "")
+        is_between = between in {*("._-" if digits == 9 else "." if digits < 9 else "")}
         return is_between and all(map(_SECONDS.fullmatch, columns[place]))
 
     def with_decimals(place: int) -> list[str]:

@@ -150,6 +150,11 @@ def test_milliseconds_and_their_decimals_are_nanoseconds() -> None:
     assert list(number_names(names, "left")) == [1568981563427462402, 1568981563460795654]
 
 
+@pytest.mark.parametrize("stamps", [(1568981563427, 1568981563460), (1568981563, 1568981564)])
+def test_the_number_of_a_camera_is_no_decimal_of_a_stamp(stamps: tuple[int, int]) -> None:
+    assert tuple(number_names([f"{stamp}.cam0.png" for stamp in stamps], "left")) == stamps
+
+
 FRAMES_MS = (900, 940, 980, 1020, 60_000, 86_400_040)
 """Of a film over a second's, a minute's and midnight's end."""
 
