@@ -99,12 +99,12 @@ def _annotations(cells: Sequence[_Cell], chosen: str | None, where: str) -> list
 
 
 def _is_point(annotation: Annotation, tier: str, exchange: Exchange) -> bool:
-    """Whether an annotation without an end is of no target, and so no look that a coder has not finished."""
+    """Whether a subject's annotation without an end is of no target, and so no look that a coder has not finished."""
     start_ms, end_ms, value = annotation
-    if not end_ms == 0 < start_ms or exchange.names.leaves_out(tier, value):
+    subject = exchange.names.translate(tier)
+    if not end_ms == 0 < start_ms or subject not in exchange.subjects:
         return False
-    target = exchange.names.translate(value, exchange.names.translate(tier))
-    return target not in (*exchange.targets, *exchange.subjects, NOWHERE)
+    return exchange.names.translate(value, subject) not in (*exchange.targets, *exchange.subjects, NOWHERE, "")
 
 
 def _end_ms(cell: _Cell, onsets: Collection[int]) -> int:

@@ -93,7 +93,7 @@ class NameLog:
         """Whether a label of their names is left out, which is counted; subject None: its name is not in the file."""
         ours = None if subject is None else self.translate(subject)
         names = [subject] if subject is not None and ours == "" else []
-        names += [target] if not self.translate(target, ours) else []
+        names += [target] if target and not self.translate(target, ours) else []
         self._left_out.update(names[:1])
         return bool(names)
 

@@ -128,13 +128,19 @@ def test_cells_of_no_target_whose_offset_was_never_set_are_left_out(tmp_path: Pa
     assert [note.partition(": ")[2] for note in notes if "2 cells" in note] == [
         "left out: 2 cells without an offset, of no target."
     ]
-    for left_out in ({"B": ""}, {"B": "", "S": ""}):
-        again, notes = _read(path, renamed=renamed | left_out)
+    for left_out in (["B"], ["B", "S"]):
+        again, notes = _read(path, renamed=renamed | dict.fromkeys(left_out, ""))
         assert again == labels
-        assert not any("no such name" in note for note in notes)
+        counted = [note.partition(": ")[2] for note in notes if "--rename" in note]
+        assert counted == [f"left out: 1 label of '{name}' (--rename)." for name in left_out]
     for cell in ("40,20", "40,0"):
         with pytest.raises(VfoaError, match=r"column 'looks', 0\.040 to 0\.0.0 s: ends .* before it begins"):
             _read(write_text(tmp_path / "wrong.csv", text.replace("40,120", cell)), renamed=renamed)
+    with pytest.raises(VfoaError, match=r"column 'looks', 0\.040 to 0\.000 s: ends .* before it begins"):
+        _read(path, renamed={"looks": "girl:cup"})
+    labels, notes = _read(write_text(tmp_path / "empty.csv", text.replace('"B"', '""')), renamed=renamed)
+    assert labels == Labels([row(2, 4, "bird"), row(5, 7, "cup")])
+    assert not any("--rename" in note for note in notes)
 
 
 @pytest.mark.parametrize(("begins_ms", "offset", "first"), [(-80, None, 3), (40, None, 1), (-80, 0.0, 1)])
