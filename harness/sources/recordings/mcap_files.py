@@ -205,10 +205,12 @@ class McapContainer:
     def types(self) -> Iterator[tuple[str, MessageType]]:
         """Topics by the summaries; without these, messages are read until they are found."""
         for path in self.files:
-            summary, known = read_summary(path), set[int]()
+            summary, known, entries = read_summary(path), set[int](), -1
             messages = () if _is_complete(summary) else walk_messages(path, summary, [])
             for _ in chain([None], messages):
-                declared = _declared(summary)
+                if (now := len(summary.channels) + len(summary.schemas)) == entries:
+                    continue
+                declared, entries = _declared(summary), now
                 for channel in [declared[number] for number in declared.keys() - known]:
                     known.add(channel.id)
                     yield channel.topic, channel_type(channel, summary.schemas.get(channel.schema_id))
