@@ -150,6 +150,8 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
 
 
 _SECONDS, _MILLISECONDS = re.compile(r"1\d{9}"), re.compile(r"1\d{12}")
+_CLOCK_DIGITS, _LEAST_STEP_S = (6, 9), 1e-4
+"""Numbers of decimals of a clock in us or ns, and the least step of frames, seconds."""
 _STAMP_DIGITS = 9
 """Least digits of a time stamp; today's have 10 in seconds."""
 _FEWER_DIGITS = 3
@@ -162,7 +164,8 @@ def _with_decimals(
     """The numbers that differ between names such as this one; seconds with decimals become ms, us or ns, and ms ns.
 
     Such are ``1718000000.123456``, ``1718000000_123456789`` and ``1718000000123.45678``, also where all have the same
-    decimals. Those of several lengths stay apart: it is not known what they count.
+    decimals, and ``12.300000`` of a simulation, if these are not an index. Those of several lengths stay apart: it is
+    not known what they count.
     """
     spans = [match.span() for match in _DIGITS.finditer(name)]
 
@@ -173,8 +176,9 @@ def _with_decimals(
         digits, between = len(after[0]), name[spans[place][1] : spans[place + 1][0]]
         if all(map(_MILLISECONDS.fullmatch, columns[place])):
             return between == "."
-        is_between = between in {*("._-" if digits == 9 else "." if digits < 9 else "")}
-        return is_between and all(map(_SECONDS.fullmatch, columns[place]))
+        if all(map(_SECONDS.fullmatch, columns[place])):
+            return between in {*("._-" if digits == 9 else "." if digits < 9 else "")}
+        return between == "." and digits in _CLOCK_DIGITS and _is_clock(columns[place], after)
 
     def with_decimals(place: int) -> list[str]:
         is_ms = _MILLISECONDS.fullmatch(columns[place][0])
@@ -188,6 +192,12 @@ def _with_decimals(
         for place, column in varying.items()
         if place - 1 not in seconds
     ]
+
+
+def _is_clock(seconds: Iterable[str], decimals: Iterable[str]) -> bool:
+    """Whether numbers and their decimals are times, and not a take and the index of a frame, which counts by one."""
+    times_s = sorted(float(f"{whole}.{part}") for whole, part in zip(seconds, decimals, strict=True))
+    return float(np.median(np.diff(times_s))) >= _LEAST_STEP_S
 
 
 def _numbers_of(columns: Sequence[Sequence[str]]) -> list[int] | None:

@@ -155,6 +155,16 @@ def test_the_number_of_a_camera_is_no_decimal_of_a_stamp(stamps: tuple[int, int]
     assert tuple(number_names([f"{stamp}.cam0.png" for stamp in stamps], "left")) == stamps
 
 
+@pytest.mark.parametrize("digits", [6, 9])
+def test_a_simulation_s_seconds_and_their_decimals_are_one_number(digits: int) -> None:
+    names = [f"left_{9.9 + number / 30:.{digits}f}.png" for number in range(6)]
+    numbers = list(number_names(reversed(names), "left"))
+    assert numbers == [round((9.9 + number / 30) * 10**digits) for number in range(6)]
+    takes = [f"{take}.{number:0{digits}d}.png" for take in (1, 2) for number in range(3)]
+    with pytest.raises(VfoaError, match="2 numbers differ"):
+        number_names(takes, "left")
+
+
 FRAMES_MS = (900, 940, 980, 1020, 60_000, 86_400_040)
 """Of a film over a second's, a minute's and midnight's end."""
 
