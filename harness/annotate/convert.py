@@ -79,6 +79,8 @@ def import_labels(
     VfoaError
         If the file cannot be read as labels of this clip, or labels exist and may not be replaced.
     """
+    if exchange.until_next and name != "table":
+        raise VfoaError(f"--until-next: is of --format table; found --format {name}")
     place = manifest.annotations.place(annotator)
     check_new(place, replace=True, inputs=[source])
     chosen: AnnotationFormat = FORMATS.load(name)()

@@ -88,6 +88,12 @@ def import_(
     gaps: Annotated[
         Literal["ignore", "none"], typer.Option(help="Meaning of frames without a label between two labels.")
     ] = "ignore",
+    until_next: Annotated[
+        bool,
+        typer.Option(
+            "--until-next", help="Table: rows have no end, and hold until the person's next row (or the clip's end)."
+        ),
+    ] = False,
     observation: Annotated[
         str | None,
         typer.Option(
@@ -129,6 +135,7 @@ def import_(
         offset=offset,
         renamed=renamed,
         gaps=gaps,
+        until_next=until_next,
         film=film,
         observation=observation,
         modifier=modifier,

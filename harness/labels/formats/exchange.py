@@ -152,6 +152,8 @@ class Exchange:
         subject.
     gaps
         Meaning of frames without a label between two labels of a subject.
+    until_next
+        Whether a row of a table has a beginning alone, and holds until the next one of its subject.
     film
         In ELAN, BORIS, Datavyu, Label Studio and VIA: the film that shows the clip, if a file has several.
     observation
@@ -172,6 +174,7 @@ class Exchange:
     films: Mapping[str, float] = field(default_factory=dict)
     renamed: Mapping[str, str] = field(default_factory=dict)
     gaps: Literal["ignore", "none"] = "ignore"
+    until_next: bool = False
     film: str | None = None
     observation: str | None = None
     modifier: str | None = None

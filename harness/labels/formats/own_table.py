@@ -4,7 +4,8 @@ Its columns are found by their names (:data:`COLUMNS`), in any order, case and d
 (:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, or for a
 ``duration``, in seconds, milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in
 one frame, which is that of the number ``frame``, or nearest to ``time_s``, ``time_ms``, ``time_us`` or ``time_ns``; of
-several such rows, a frame takes the nearest. Nanoseconds are of the clip's own clock, if no offset is given.
+several such rows, a frame takes the nearest. Nanoseconds are of the clip's own clock, if no offset is given. If asked
+for (:attr:`Exchange.until_next`), a row holds from its time or frame until the next row of its subject.
 
 In place of ``subject`` and ``target`` there may be a column named after each subject, with the subject's targets; in
 place of ``target``, a column named after each target, with 1 where it is looked at and else 0. What eye trackers export
@@ -13,14 +14,12 @@ of areas of interest is made such a table first (:mod:`harness.labels.formats.ey
 
 from __future__ import annotations
 
-import re
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from harness.files.dialects import Row, check_width, is_missing, number_hint, plain_name, table_rows
-from harness.files.tables import whole_number
+from harness.files.dialects import Row, check_width, is_missing, plain_name, table_rows
 from harness.labels.formats.exchange import (
     MS,
     Exchange,
@@ -33,6 +32,16 @@ from harness.labels.formats.exchange import (
     without,
 )
 from harness.labels.formats.eye_trackers import area_of, check_no_recording, of_eye_tracker, with_target
+from harness.labels.formats.onsets import until_next
+from harness.labels.formats.table_times import (
+    MS_PER_UNIT,
+    UNITS,
+    Cells,
+    check_milliseconds,
+    check_unit,
+    time_ms_of,
+    whole_of,
+)
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
 from harness.labels.rows import check_ends, check_sequence, check_text
 from vfoa.errors import VfoaError, check_known, counted, listed
@@ -68,10 +77,9 @@ _PLACES = (
     *(("frame",), ("time_s",), ("time_ms",), ("time_us",), ("time_ns",)),
 )
 """The columns that say where a row holds; a table has those of one kind. A duration beside an end is not read."""
-
-_MS_PER_UNIT = {"start_s": 1000.0, "start_ms": 1.0, "time_s": 1000.0, "time_ms": 1.0, "time_us": 1e-3}
-_CLOCK = re.compile(r"(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:[.,][0-9]+)?)")
-_NUMBER = re.compile(r"-?(?:[0-9]{1,16}(?:\.[0-9]*)?|\.[0-9]+)")
+_ENDS = tuple(dict.fromkeys(place[-1] for place in _PLACES if len(place) > 1))
+_ONSETS = tuple(dict.fromkeys(place[:1] for place in _PLACES))
+"""Those that say where a row ends, and from where on it holds."""
 
 
 class OwnTable(ReadOnly):
@@ -94,7 +102,9 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     """
     (line, header), *lines = rows
     columns, left_out = _columns(header, f"{path}:{line}")
-    place = _place(columns, left_out, f"{path}:{line}")
+    if exchange.until_next:
+        columns = _without_ends(columns, lines, f"{path}:{line}")
+    place = _place(columns, left_out, f"{path}:{line}", _ONSETS if exchange.until_next else _PLACES)
     if "subject" not in columns and len(exchange.subjects) != 1:
         raise VfoaError(
             f"{path}:{line}: no column of subjects; expected subject, since the clip has "
@@ -102,22 +112,28 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
         )
     given = [_row(cells, columns, f"{path}:{line}") for line, cells in lines]
     with_target = [row for row in given if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
-    known = [
-        (where, cells)
-        for where, cells in with_target
-        if not exchange.names.leaves_out(cells.get("subject"), cells["target"])
-    ]
-    if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in _UNITS:
-        _check_unit(known, place, exchange, path)
+    known = [row for row in with_target if not exchange.names.leaves_out(row[1].get("subject"), row[1]["target"])]
+    if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in UNITS:
+        check_unit(known, place, exchange, path)
     if place[0] in ("start_ms", "time_ms"):
-        _check_milliseconds(known, place, exchange, path)
+        check_milliseconds(known, place, exchange, path)
+    if exchange.until_next:
+        is_own = place[0] in ("frame", "first_frame") and exchange.fps is None
+        known, place = until_next(
+            given, known, place[0], exchange, None if is_own else _timeline(place[0], exchange, path)
+        )
     if place[0] in ("time_s", "time_ms", "time_us", "time_ns"):
         imported = _moments(known, place[0], exchange, path)
-    elif place[0] in (*_MS_PER_UNIT, "start_ns") or exchange.fps is not None:
+    elif place[0] in (*MS_PER_UNIT, "start_ns") or exchange.fps is not None:
         imported = _spans(known, place, exchange, path)
     else:
         imported = _frames(known, place, exchange, path)
     notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
+    held = sum(len(exchange.positions(row)) for row in imported.labels.ranges)
+    if len(place) == 1 and held >= _SPARSE * max(len(known), 1):
+        notes.append(
+            f"{path}: a row is read as a label of one frame; --until-next: it holds until the person's next one."
+        )
     if len(with_target) < len(given):
         notes.append(f"{path}: left out: {counted(len(given) - len(with_target), 'row')} without a target.")
     return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
@@ -129,6 +145,10 @@ def even_rows(path: Path) -> Sequence[Row]:
     for line, cells in rows:
         check_width(cells, rows[0][1], f"{path}:{line}")
     return rows
+
+
+_SPARSE = 2
+"""Frames for each row, from the first one to the last one, from which a table may be one of onsets."""
 
 
 _RECORDING = ("recording_name", "recording_id")
@@ -189,10 +209,6 @@ def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[
     return with_target(rows, called, path)
 
 
-_Row = tuple[str, Mapping[str, str]]
-"""The place of a row, and its cells by column."""
-
-
 def _columns(header: Sequence[str], where: str) -> tuple[dict[str, int], list[str]]:
     """The position of each known column, and the names of the others."""
     found, left_out = dict[str, int](), list[str]()
@@ -216,21 +232,35 @@ def _column(name: str) -> str | None:
     return next((column for column, names in COLUMNS.items() if plain_name(name) in names), None)
 
 
-def _row(cells: Sequence[str], columns: Mapping[str, int], where: str) -> _Row:
+def _row(cells: Sequence[str], columns: Mapping[str, int], where: str) -> Cells:
     """The cells by column. The word ``none`` is a target, however it is written: no program fills it in there."""
     row = {name: cells[at] for name, at in columns.items()}
     return where, {**row, "target": NOWHERE} if row["target"].lower() == NOWHERE else row
 
 
-def _place(columns: Mapping[str, int], left_out: Sequence[str], where: str) -> tuple[str, ...]:
+def _without_ends(columns: Mapping[str, int], lines: Sequence[Row], where: str) -> dict[str, int]:
+    """The columns without those of ends, in which nothing stands, or 0."""
+    for column in _ENDS:
+        if column in columns and any(not is_missing(cells[columns[column]].strip("0.,:")) for _, cells in lines):
+            raise VfoaError(f"{where}: --until-next: found {column}, where rows end; expected their beginnings alone")
+    return {column: at for column, at in columns.items() if column not in _ENDS}
+
+
+def _place(
+    columns: Mapping[str, int], left_out: Sequence[str], where: str, kinds: Sequence[tuple[str, ...]]
+) -> tuple[str, ...]:
     """The columns that say where a row holds; ``left_out`` are those of which it is not known what they say."""
-    whole = [place for place in _PLACES if columns.keys() >= {*place}]
+    whole = [place for place in kinds if columns.keys() >= {*place}]
     whole = [place for place in whole if "duration" not in place[-1] or len(whole) == 1]
     if len(whole) != 1:
-        kinds = "; ".join(" and ".join(place) for place in _PLACES)
+        expected = "; ".join(" and ".join(place) for place in kinds)
         found = " and of ".join(" and ".join(place) for place in whole)
+        onset = next((name for (name,) in _ONSETS if name in columns and not found), None)
+        hint = "" if onset is None else f" (--until-next: {onset} alone, until the person's next row)"
         found = found or f"none of them (not known: {listed(left_out, 8) or 'none'})"
-        raise VfoaError(f"{where}: where a row holds: found {found}; expected the columns of one kind: {kinds}")
+        raise VfoaError(
+            f"{where}: where a row holds: found {found}; expected the columns of one kind: {expected}{hint}"
+        )
     return whole[0]
 
 
@@ -241,19 +271,19 @@ def _label(cells: Mapping[str, str], where: str, exchange: Exchange) -> tuple[st
     return subject, Label(target=exchange.target(cells["target"], subject, where), note=cells.get("note", ""))
 
 
-def _spans(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:
+def _spans(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:
     """Labels by time: that of the columns, or of frames from 0 at the rate of ``--fps``."""
     spans = []
     for where, cells in rows:
         subject, label = _label(cells, where, exchange)
         ends = [(cells[column], f"{where}: {column}") for column in (place[0], place[-1])]
-        if place[0] in _MS_PER_UNIT:
-            first, last = (_time_ms(*each, unit_ms=_MS_PER_UNIT[place[0]]) for each in ends)
+        if place[0] in MS_PER_UNIT:
+            first, last = (time_ms_of(*each, unit_ms=MS_PER_UNIT[place[0]]) for each in ends)
             start, end = round(first), round(first + last if place[-1].startswith("duration") else last)
         elif place[0] == "start_ns":
-            start, end = (rounded_ms(_whole(*each, "ns")) for each in ends)
+            start, end = (rounded_ms(whole_of(*each, "ns")) for each in ends)
         else:
-            numbers = [_whole(*each) for each in ends]
+            numbers = [whole_of(*each) for each in ends]
             start, end = (round(1000 * frame / (exchange.fps or 1.0)) for frame in (numbers[0], numbers[1] + 1))
         spans.append(Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where))
     return from_spans(spans, exchange, path, shown=in_ms(_timeline(place[0], exchange, path)))
@@ -267,77 +297,7 @@ def _timeline(column: str, exchange: Exchange, path: Path) -> Timeline:
     return timeline
 
 
-_UNITS = ("s", "sec", "seconds", "ms", "us", "ns", "frame", "frames")
-"""Last words of columns that name their unit."""
-_LEAST_TIMES, _LEAST, _LEAST_SHARE, _MOST_SHARE = 5, 20, 0.2, 1.2
-
-
-def _check_unit(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> None:
-    """Reject seconds that are probably milliseconds, or frames: their column names no unit, and they fit as these.
-
-    Raises
-    ------
-    VfoaError
-        If times reach more than five times the clip's end, and in the other unit end near it.
-    """
-    cells = _numbers(rows, place)
-    if place[0] not in ("start_s", "time_s") or not cells:
-        return
-    last, end_s = max(map(float, cells)), exchange.shown.times_ns[-1] / 1e9
-    units = (
-        ("milliseconds", 1000 * end_s, ("start_ms and end_ms", "time_ms")),
-        ("frames", exchange.frames[-1], ("first_frame and last_frame", "frame")),
-    )
-    fit = [(unit, names) for unit, end, names in units if _LEAST_SHARE <= last / max(end, 1) <= _MOST_SHARE]
-    if last > max(_LEAST_TIMES * end_s, _LEAST) and fit:
-        unit, names = fit[0]
-        raise VfoaError(
-            f"{path}: {' and '.join(place)}: times reach {last:g} s, the clip ends at {end_s:g} s; expected seconds, "
-            f"or columns called {names[len(place) == 1]} if they are {unit}"
-        )
-
-
-def _check_milliseconds(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> None:
-    """Reject milliseconds with a point that are probably seconds, or whole ones with a point after the thousands.
-
-    Raises
-    ------
-    VfoaError
-        If there are some, and all times would end near the clip's end if they were a thousand times as long.
-    """
-    cells = _numbers(rows, place)
-    if not (pointed := [cell for cell in cells if "." in cell]):
-        return
-    last, end_s = max(map(float, cells)), exchange.shown.times_ns[-1] / 1e9
-    if _LEAST_SHARE <= last / max(end_s, 1) <= _MOST_SHARE:
-        raise VfoaError(
-            f"{path}: {' and '.join(place)}: found {pointed[0]!r}, and times that reach {last:g} ms of a clip of "
-            f"{end_s:g} s; expected milliseconds without a thousands separator, or columns in seconds"
-        )
-
-
-def _numbers(rows: Sequence[_Row], place: Sequence[str]) -> list[str]:
-    """The cells that say where rows hold, if all of them are numbers; else none."""
-    found = [cells[column] for _, cells in rows for column in place]
-    return found if all(map(_NUMBER.fullmatch, found)) else []
-
-
-def _time_ms(cell: str, where: str, *, unit_ms: float) -> float:
-    if clock := _CLOCK.fullmatch(cell):
-        hours, minutes, seconds = clock.groups()
-        return 1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(seconds.replace(",", ".")))
-    if not _NUMBER.fullmatch(cell):
-        raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected a time, such as 12.5 or 0:01:02.5")
-    return float(cell) * unit_ms
-
-
-def _whole(cell: str, where: str, what: str = "the number of a frame") -> int:
-    if (number := whole_number(cell)) is None:
-        raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected {what}")
-    return number
-
-
-def _frames(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:
+def _frames(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:
     """Labels by the clip's own frame numbers."""
     ranges = [(where, _range(where, cells, place, exchange)) for where, cells in rows]
     exchange.names.check(path)
@@ -348,7 +308,7 @@ def _frames(rows: Sequence[_Row], place: Sequence[str], exchange: Exchange, path
 
 def _range(where: str, cells: Mapping[str, str], place: Sequence[str], exchange: Exchange) -> LabelRange:
     subject, label = _label(cells, where, exchange)
-    first, last = (_whole(cells[column], f"{where}: {column}") for column in (place[0], place[-1]))
+    first, last = (whole_of(cells[column], f"{where}: {column}") for column in (place[0], place[-1]))
     check_ends(first, last, exchange.timeline, where, " (numbers of another program, from 0: --fps RATE)")
     return LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
 
@@ -362,7 +322,7 @@ def _joined(rows: Sequence[LabelRange], frames: Sequence[int]) -> Iterator[Label
         yield from ranges_of(subject, ((frame, by_frame.get(frame)) for frame in frames))
 
 
-def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) -> Imported:
+def _moments(rows: Sequence[Cells], column: str, exchange: Exchange, path: Path) -> Imported:
     """Labels of the frames that are nearest to times, by at most half a step; each frame has its nearest row."""
     timeline = _timeline(column, exchange, path)
     outside, moments, within_ns = list[str](), list[_Moment](), timeline.step_ns / 2
@@ -370,9 +330,9 @@ def _moments(rows: Sequence[_Row], column: str, exchange: Exchange, path: Path) 
         subject, label = _label(cells, where, exchange)
         place = f"{where}: {column}"
         if column == "time_ns":
-            time_ns = _whole(cells[column], place, "ns")
+            time_ns = whole_of(cells[column], place, "ns")
         else:
-            time_ns = round(MS * _time_ms(cells[column], place, unit_ms=_MS_PER_UNIT[column]))
+            time_ns = round(MS * time_ms_of(cells[column], place, unit_ms=MS_PER_UNIT[column]))
         frame, apart_ns = _nearest(time_ns, timeline)
         row = LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=label)
         if apart_ns > within_ns:

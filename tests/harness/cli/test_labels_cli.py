@@ -268,6 +268,10 @@ def test_a_wrong_format_is_told_by_the_files_name(
         (("export", CLIP, "out", "--format", "elen"), "annotation format: no 'elen'; did you mean 'elan'?"),
         (("export", CLIP, "out", "--format", "elan", "--annotator", "bea"), "no annotations by 'bea'"),
         (("import", "gone", "--format", "elan", "--clip", CLIP, "--annotator", "x"), "gone: no such file"),
+        (
+            ("import", "gone.eaf", "--clip", CLIP, "--until-next"),
+            "--until-next: is of --format table; found --format elan",
+        ),
         (("import", "gone.csv", "--clip", CLIP), "gone.csv: its name does not tell what wrote it; expected --format"),
         (("import", "gone.TextGrid", "--clip", CLIP), "gone.TextGrid: no such file"),
         (("import", "gone", "--format", "elan", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),

@@ -62,6 +62,58 @@ def test_every_way_to_say_where_a_row_holds_gives_the_same_labels(tmp_path: Path
     assert _read(tmp_path, text) == (EXPECTED, ())
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "who,what,time_s\ngirl,bird,0\nboy,girl,0.1\ngirl,none,0.2\nboy,end,0.2\n",
+        "who,what,start\nboy,girl,0:00.1\nboy,end,0:00.2\ngirl,none,0:00.2\ngirl,bird,0:00\n",
+        "who;what;onset;offset\ngirl;bird;-3,5;\nboy;girl;0,1;0\ngirl;bird;0,1;\ngirl;none;0,15;\nboy;;0,2;\n",
+        "who,what,time_ms,duration\ngirl,bird,0,0\nboy,girl,100,0\ngirl,none,200,0\nboy,end,200,0\n",
+        "who,what,time_us\ngirl,bird,0\nboy,girl,99000\ngirl,none,200000\nboy,end,200000\n",
+        "who,what,start_ns\ngirl,bird,1\nboy,girl,150000000\ngirl,none,250000000\nboy,end,300000000\n",
+        "who,what,frame\ngirl,bird,1\nboy,girl,2\ngirl,none,3\nboy,end,3\n",
+        "who,what,first_frame\ngirl,none,3\nboy,girl,2\nboy,end,3\ngirl,bird,1\n",
+    ],
+)
+def test_with_until_next_a_row_holds_until_the_next_one_of_its_person(tmp_path: Path, text: str) -> None:
+    """Codings of onsets alone; a row that is left out (``end``), or has no target, ends the one before."""
+    labels, _ = _read(tmp_path, text, until_next=True, renamed={"end": ""})
+    assert labels == EXPECTED
+
+
+def test_with_until_next_and_a_rate_frames_are_those_of_another_program(tmp_path: Path) -> None:
+    labels, _ = _read(
+        tmp_path, "subject,target,frame\ngirl,bird,5\ngirl,none,7\n", until_next=True, fps=10.0, offset=0.5
+    )
+    assert labels == Labels([row(1, 2, "bird"), row(3, 5, "none")])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("who,what,start,end\ngirl,bird,0,0.2\ngirl,cup,0.2,0\n", r"mine\.csv:1: --until-next: found end_s"),
+        ("who,what,onset,duration\ngirl,bird,0,0.2\n", r"mine\.csv:1: --until-next: found duration_s"),
+        ("who,what,time_s\ngirl,bird,0\ngirl,cup,0.2\ngirl,bird,0.20\n", r"mine\.csv:4: 'girl' .*mine\.csv:3"),
+        ("who,what,frame\ngirl,bird,1\ngirl,cup,9\n", r"mine\.csv:3: frame 9 is outside the clip"),
+        ("who,what,time_s\ngirl,bird,0\ngirl,cup,soon\n", r"mine\.csv:3: time_s: found 'soon'"),
+        ("who,what\ngirl,bird\n", r"mine\.csv:1: where a row holds: found none"),
+        ("who,what,time\ngirl,bird,0\ngirl,cup,300\n", r"times reach 300 s"),
+    ],
+)
+def test_what_contradicts_until_next_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(VfoaError, match=message):
+        _read(tmp_path, text, until_next=True)
+
+
+def test_a_table_of_onsets_names_the_option(tmp_path: Path) -> None:
+    """It is never assumed: a misspelt column of ends would be read as onsets."""
+    for rows in ("time_s\ngirl,bird,0\ngirl,cup,0.3\n", "frame\ngirl,bird,1\ngirl,cup,4\n"):
+        _, notes = _read(tmp_path, f"who,what,{rows}")
+        assert any("--until-next" in note for note in notes)
+    with pytest.raises(VfoaError, match="--until-next"):
+        _read(tmp_path, "who,what,onset,ofset\ngirl,bird,0,1\n")
+
+
 SMI = (
     "Stimulus\tParticipant\tEvent Start Trial Time [ms]\tEvent End Trial Time [ms]\tCategory\tAOI Name\n"
     "a.avi\tgirl\t0.0\t99.8\tFixation\tbird\na.avi\tgirl\t99.8\t200.1\tSaccade\t-\n"
