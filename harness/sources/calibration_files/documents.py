@@ -304,13 +304,19 @@ def euroc_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCa
 
 
 def kalibr_chain(document: Document) -> Document | None:
-    """The cameras of Kalibr in a document, or in its only table of them (D-Robotics' ``stereo0``); None without any."""
-    inner = [value for value in document.values() if isinstance(value, Mapping) and _is_kalibr_chain(value)]
+    """The cameras of Kalibr in a document, or in its only table of them (D-Robotics' ``stereo0``); None without any.
+
+    Another table of ``cam0`` and ``cam1`` may have something else of them, such as their serial numbers.
+    """
+    tables = (value for value in document.values() if isinstance(value, Mapping))
+    inner = [table for table in tables if _is_kalibr_chain(table, "distortion_model")]
     return document if _is_kalibr_chain(document) else inner[0] if len(inner) == 1 else None
 
 
-def _is_kalibr_chain(document: Document) -> bool:
-    return any(_KALIBR_CAMERA.fullmatch(str(name)) and isinstance(value, Mapping) for name, value in document.items())
+def _is_kalibr_chain(document: Document, *keys: str) -> bool:
+    """Whether a table has a camera by Kalibr's name for it, with these keys."""
+    cameras = (value for name, value in document.items() if _KALIBR_CAMERA.fullmatch(str(name)))
+    return any(isinstance(camera, Mapping) and camera.keys() >= {*keys} for camera in cameras)
 
 
 def kalibr_pair(document: Document, cameras: tuple[int, int], where: str) -> RawCalibration:

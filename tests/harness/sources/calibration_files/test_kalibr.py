@@ -9,8 +9,14 @@ import pytest
 import yaml
 
 from harness.sources.calibration_files.read import Options, find_calibrations, read_cameras
-from tests.calibration_formats import FORMATS, read_raw, size_px
-from tests.calibrations import write_yaml
+from tests.calibration_formats import (
+    FORMATS,
+    assert_rows_match_and_depths_come_back,
+    points_ahead,
+    read_raw,
+    size_px,
+)
+from tests.calibrations import RIG, opencv_nodes, write_yaml
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -29,6 +35,16 @@ def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
         read_cameras([path], size_px)
     with pytest.raises(VfoaError, match=r"no cam3; .*cam0, cam1, cam2"):
         read_cameras([path], size_px, Options(calibration_cameras=(3, 0)))
+
+
+def test_a_table_of_something_else_of_the_cameras_is_no_chain(tmp_path: Path) -> None:
+    serials = {"cam0": {"serial": 4011}, "cam1": {"serial": 4012}}
+    matrices = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+    opencv = write_yaml(tmp_path / "c.yaml", matrices | {"cameras": serials})
+    assert_rows_match_and_depths_come_back(read_raw([opencv]), RIG, points_ahead(3))
+    nested = FORMATS["kalibr, as D-Robotics nests it"](tmp_path)[0]
+    write_yaml(nested, {"cameras": serials, **yaml.safe_load(nested.read_text(encoding="utf-8"))})
+    assert_rows_match_and_depths_come_back(read_raw([nested]), RIG, points_ahead(3))
 
 
 def test_a_chain_beside_the_images_may_begin_with_the_right_camera(tmp_path: Path) -> None:
