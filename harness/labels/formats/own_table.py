@@ -73,10 +73,11 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 
 _PLACES = (
     *(("start_s", "end_s"), ("start_ms", "end_ms"), ("start_ns", "end_ns"), ("first_frame", "last_frame")),
-    *(("start_s", "duration_s"), ("start_ms", "duration_ms")),
+    *(("start_s", "duration_s"), ("start_ms", "duration_ms"), ("time_s", "duration_s"), ("time_ms", "duration_ms")),
     *(("frame",), ("time_s",), ("time_ms",), ("time_us",), ("time_ns",)),
 )
 """The columns that say where a row holds; a table has those of one kind. A duration beside an end is not read."""
+_MOMENTS, _DURATIONS = ("time_s", "time_ms", "time_us", "time_ns"), ("duration_s", "duration_ms")
 _ENDS = tuple(dict.fromkeys(place[-1] for place in _PLACES if len(place) > 1))
 _ONSETS = tuple(dict.fromkeys(place[:1] for place in _PLACES))
 """Those that say where a row ends, and from where on it holds."""
@@ -104,7 +105,11 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     columns, left_out = _columns(header, f"{path}:{line}")
     if exchange.until_next:
         columns = _without_ends(columns, lines, f"{path}:{line}")
+    elif columns.keys() & {*_MOMENTS}:
+        columns = _without_empty(columns, lines, _DURATIONS)
     place = _place(columns, left_out, f"{path}:{line}", _ONSETS if exchange.until_next else _PLACES)
+    if len(place) == 1:
+        left_out += [header[columns[column]] for column in _DURATIONS if column in columns]
     if "subject" not in columns and len(exchange.subjects) != 1:
         raise VfoaError(
             f"{path}:{line}: no column of subjects; expected subject, since the clip has "
@@ -122,7 +127,7 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
         known, place = until_next(
             given, known, place[0], exchange, None if is_own else _timeline(place[0], exchange, path)
         )
-    if place[0] in ("time_s", "time_ms", "time_us", "time_ns"):
+    if place[0] in _MOMENTS and len(place) == 1:
         imported = _moments(known, place[0], exchange, path)
     elif place[0] in (*MS_PER_UNIT, "start_ns") or exchange.fps is not None:
         imported = _spans(known, place, exchange, path)
@@ -239,11 +244,21 @@ def _row(cells: Sequence[str], columns: Mapping[str, int], where: str) -> Cells:
 
 
 def _without_ends(columns: Mapping[str, int], lines: Sequence[Row], where: str) -> dict[str, int]:
-    """The columns without those of ends, in which nothing stands, or 0."""
-    for column in _ENDS:
-        if column in columns and any(not is_missing(cells[columns[column]].strip("0.,:")) for _, cells in lines):
-            raise VfoaError(f"{where}: --until-next: found {column}, where rows end; expected their beginnings alone")
-    return {column: at for column, at in columns.items() if column not in _ENDS}
+    """The columns without those of ends, in which nothing may stand, or 0."""
+    columns = _without_empty(columns, lines, _ENDS)
+    if found := [column for column in columns if column in _ENDS]:
+        raise VfoaError(f"{where}: --until-next: found {found[0]}, where rows end; expected their beginnings alone")
+    return columns
+
+
+def _without_empty(columns: Mapping[str, int], lines: Sequence[Row], names: Sequence[str]) -> dict[str, int]:
+    """The columns without those of these names in which nothing stands, or 0."""
+    empty = {
+        column
+        for column in columns.keys() & {*names}
+        if all(is_missing(cells[columns[column]].strip("0.,:")) for _, cells in lines)
+    }
+    return {column: at for column, at in columns.items() if column not in empty}
 
 
 def _place(
@@ -251,7 +266,8 @@ def _place(
 ) -> tuple[str, ...]:
     """The columns that say where a row holds; ``left_out`` are those of which it is not known what they say."""
     whole = [place for place in kinds if columns.keys() >= {*place}]
-    whole = [place for place in whole if "duration" not in place[-1] or len(whole) == 1]
+    whole = [place for place in whole if "duration" not in place[-1] or {*whole} <= {place, place[:1]}]
+    whole = [place for place in whole if not any(place == other[:1] != other for other in whole)]
     if len(whole) != 1:
         expected = "; ".join(" and ".join(place) for place in kinds)
         found = " and of ".join(" and ".join(place) for place in whole)

@@ -43,6 +43,8 @@ def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> tu
         "# by anna\n# talk.mp4\nwho,what,start_ms,end_ms\ngirl,bird,0,200\ngirl,none,200,500\nboy,girl,100,200\n",
         "#who,what,start_ms,end_ms\ngirl,bird,0,200\ngirl,none,200,500\nboy,girl,100,200\n",
         "who,what,start_ms,duration_ms\ngirl,bird,0,200\ngirl,none,200,300\nboy,girl,100,100\n",
+        "who,what,time,duration\ngirl,bird,0,0.2\ngirl,none,0.2,0.3\nboy,girl,0.1,0.1\n",
+        "who,what,time_ms,duration_ms\ngirl,bird,0,200\ngirl,none,200,300\nboy,girl,100,100\n",
         "who,what,start,end,duration\ngirl,bird,0,0.2,9\ngirl,none,0.2,0.5,9\nboy,girl,0.1,0.2,9\n",
         "who;what;start;end\ngirl;bird;0:00:00,0;0:00,2\ngirl;none;00:00:00,2;0:00,5\nboy;girl;0:00,1;0:00,2\n",
         "frame,who,bird,cup,girl\n" + "".join(f"{n},girl,{int(n < 3)},0,0\n" for n in range(1, 6)) + "2,boy,0,0,1\n",
@@ -60,6 +62,16 @@ def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> tu
 )  # fmt: skip
 def test_every_way_to_say_where_a_row_holds_gives_the_same_labels(tmp_path: Path, text: str) -> None:
     assert _read(tmp_path, text) == (EXPECTED, ())
+
+
+def test_a_duration_that_is_not_read_is_named(tmp_path: Path) -> None:
+    for place in ("time_ms", "frame"):
+        _, notes = _read(tmp_path, f"who,what,{place},duration\ngirl,bird,1,0.2\n")
+        assert any("not read: duration" in note for note in notes)
+    labels, notes = _read(tmp_path, "who,what,time,duration\ngirl,bird,0,0\ngirl,bird,0.1,\n")
+    assert (labels, notes) == (Labels([row(1, 2, "bird")]), ())
+    with pytest.raises(VfoaError, match="start_s and end_s and of time_s"):
+        _read(tmp_path, "who,what,time,start,end,duration\ngirl,bird,0,0,1,1\n")
 
 
 @pytest.mark.parametrize(
