@@ -79,7 +79,7 @@ class LabelStudio(ReadOnly):
         films = [_film(task) for task in tasks]
         film = exchange.film_of(films, path)
         regions = _chosen([task for task, name in zip(tasks, films, strict=True) if name == film], exchange, path)
-        shared = _part_shared_frames(regions)
+        shared = _part_shared_frames(regions, exchange)
         tiers = defaultdict[str, list[Annotation]](list)
         for region in regions:
             for start_ms, end_ms, labels in _spans(region, exchange.fps, f"{path}: region of {region.from_name!r}"):
@@ -127,11 +127,12 @@ def _chosen(tasks: Sequence[_StudioTask], exchange: Exchange, path: Path) -> lis
     return next(iter(found.values()))
 
 
-def _part_shared_frames(regions: Sequence[_StudioRegion]) -> int:
-    """End ranges of a tag before the frame with which the next one begins; return how many."""
-    tags = defaultdict[str, list[_StudioRange]](list)
+def _part_shared_frames(regions: Sequence[_StudioRegion], exchange: Exchange) -> int:
+    """End ranges of a tag before the frame with which the next one begins, of those not left out; return how many."""
+    tags, translate = defaultdict[str, list[_StudioRange]](list), exchange.names.translate
     for region in regions:
-        if region.type == "timelinelabels":
+        subject = translate(region.from_name)
+        if region.type == "timelinelabels" and any(translate(label, subject) for label in region.value.timelinelabels):
             tags[region.from_name] += region.value.ranges
     shared = 0
     for ranges in tags.values():

@@ -79,6 +79,10 @@ def test_a_frame_that_ends_one_range_and_begins_the_next_has_the_next_one_s_labe
     assert imported.labels == Labels(expected)
     (note,) = imported.notes
     assert "2 frames" in note
+    left_out = {"girl:none": "", "cup": "bird"}
+    assert _read(tmp_path, [_task(*regions)], renamed=left_out).labels == Labels(
+        [row(1, 3, "bird"), row(4, 7, "bird"), row(4, 10, "bird", "boy")]
+    )
     for overlapping in ([_region(1, 5, "bird"), _region(4, 7, "cup")], [_region(4, 4, "bird"), _region(4, 7, "cup")]):
         with pytest.raises(VfoaError, match="'girl' has two labels in frame 4"):
             _read(tmp_path, [_task(*overlapping)])
