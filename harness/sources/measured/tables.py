@@ -60,6 +60,8 @@ _PEOPLE_REQUIRED = ("frame", "person", *POSITION)
 _SUFFIXES = (".csv", ".tsv", ".txt")
 _WORKBOOKS = (".xlsx", ".xls", ".ods")
 _UNIT_TOLERANCE = 0.01
+_HALF_TURN_RAD = 3.15
+"""Rounded up: people write 3.14, 3.142 and 3.1416."""
 _SMALL_SIGMA_DEG = math.radians(30)
 """No model of faces claims an error this small; one of up to 30 degrees is, in radians."""
 
@@ -226,7 +228,7 @@ def _directions(table: TableColumns, cue: str) -> Float:
 
 def _sigmas_rad(table: TableColumns, cue: str) -> Float:
     """The claimed error (n,) of each row, radians."""
-    degrees, radians = _angles(table, f"{cue}_sigma_deg", 180), _angles(table, f"{cue}_sigma_rad", math.pi)
+    degrees, radians = _angles(table, f"{cue}_sigma_deg", 180), _angles(table, f"{cue}_sigma_rad", _HALF_TURN_RAD)
     table.refuse_first(
         ~np.isnan(degrees) & ~np.isnan(radians),
         lambda row: f"{cue}_sigma: found degrees and radians; expected one of them",
@@ -235,7 +237,7 @@ def _sigmas_rad(table: TableColumns, cue: str) -> Float:
 
 
 def _angles(table: TableColumns, column: str, most: float) -> Float:
-    """The angle (n,) of each row, in the unit of ``most``, which is half a turn; NaN where there is none."""
+    """The angle (n,) of each row, at most half a turn, ``most`` in its unit; NaN where there is none."""
     angles = table.numbers(column)
     table.refuse_first(
         (angles < 0) | (angles > most),

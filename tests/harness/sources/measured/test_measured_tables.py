@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.sources.measured.tables import MeasuredTablesSettings
 from tests.adapter_contract import check_contract
+from tests.disk import write_text
 from tests.measured import ANNA, BEN, OBJECTS_HEADER, PEOPLE_HEADER, measured_tables, open_measured
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
@@ -136,6 +137,16 @@ def test_an_object_has_one_category(tmp_path: Path) -> None:
 def test_an_extent_of_the_manifest_that_is_not_positive_is_named(settings: dict[str, Any], key: str) -> None:
     with pytest.raises(VfoaError, match=rf"source\.{key}: expected greater than 0"):
         parse(MeasuredTablesSettings, settings, "mine.toml", "source")
+
+
+@pytest.mark.parametrize("sigma", ["3.14159265358979", "3.1416", "3.142"])
+def test_half_a_turn_may_be_rounded_up(tmp_path: Path, sigma: str) -> None:
+    header = "frame,time_ns,person,x_m,y_m,z_m,head_x,head_y,head_z,head_sigma_rad"
+    people = write_text(tmp_path / "people.csv", f"{header}\n1,0,anna,0,0,1,0,0,1,{sigma}\n")
+    assert open_measured("measured", tmp_path).notes == ()
+    write_text(people, f"{header}\n1,0,anna,0,0,1,0,0,1,3.2\n")
+    with pytest.raises(VfoaError, match=r"people\.csv:2: head_sigma_rad: .* 0 to 3\.15, found 3\.2"):
+        open_measured("measured", tmp_path)
 
 
 @pytest.mark.parametrize(("sigmas", "notes"), [((0.09, 0.17), 1), ((0.0, 0.0), 0), ((0.09, 8.0), 0)])
