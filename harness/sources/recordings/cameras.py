@@ -20,7 +20,7 @@ from harness.sources.recordings import orbbec, realsense
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import camera, fields_of, reading, transforms_in
 from harness.sources.recordings.settings import RecordingSettings
-from harness.sources.recordings.streams import Streams, find_camera, has_no_frames, is_aligned
+from harness.sources.recordings.streams import Streams, find_camera, has_no_frames, instead_of_pair, is_aligned
 from harness.sources.recordings.topics import Place, Topic
 from harness.sources.rectification import (
     Cameras,
@@ -91,6 +91,7 @@ class PairCameras:
                 )
             infos = zip(pair, (settings.left_info, settings.right_info), strict=True)
             self._topics = tuple(find_camera(topics, [image], info, where) for image, info in infos)
+            self._instead = instead_of_pair(topics)
             self._baseline_m = settings.baseline_m or _baseline_m(topics, pair, recording)
             self.notes = (*self._notes(), *self._shrinking_note())
 
@@ -138,7 +139,10 @@ class PairCameras:
         baseline_m = self._baseline_m
         if self._rectified:
             left, right = left.of_rectified_images(), right.of_rectified_images()
-        raw = pair_of_infos(left, right, where, baseline_m)
+        try:
+            raw = pair_of_infos(left, right, where, baseline_m)
+        except VfoaError as error:  # the cameras of two arms are no pair, and one in the head has depth
+            raise VfoaError(f"{error}{self._instead}") from None
         return raw.rectified() if self._rectified and baseline_m is None else raw
 
     def _notes(self) -> tuple[str, ...]:

@@ -113,6 +113,12 @@ def unused_depth(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]
     return (f"depth was recorded, too, and is not of the left camera: {names}; depth = in [source] takes it instead",)
 
 
+def instead_of_pair(topics: Collection[Topic]) -> str:
+    """The end of a message on a pair that cannot be read: how to read colour with depth, if the recording has them."""
+    depths = _of_streams(_depth_topics(topics))
+    return f"; or depth = in [source] for colour with depth: {listed(depths)}" if depths else ""
+
+
 def _find_pair(topics: Iterable[Topic], left: str | None, right: str | None, where: str) -> tuple[Topic, Topic]:
     """Return two image topics: the named ones, or those of the only rig: their names differ in nothing but the side.
 

@@ -155,6 +155,26 @@ def test_an_infrared_pair_gives_way_to_colour_with_aligned_depth(tmp_path: Path,
     assert pair._streams.right is not None
 
 
+@pytest.mark.parametrize("own", [False, True])
+def test_cameras_of_two_arms_are_no_pair_and_the_message_names_the_depth(tmp_path: Path, own: bool) -> None:
+    """A robot with an RGB-D camera in its head, and one in each hand: their calibrations have no baseline."""
+    path, depth = tmp_path / "robot.mcap", np.full((HEIGHT, WIDTH), 1500, np.uint16)
+    with recorder(path) as record:
+        for camera in ("head", "left_wrist", "right_wrist"):
+            record.camera(f"/{camera}/color/camera_info", 10**9, LEFT)
+            record.picture(f"/{camera}/color/image_raw", 10**9, picture(1))
+            if own or camera == "head":
+                topic = f"/{camera}/aligned_depth_to_color"
+                record.raw(f"{topic}/image_raw", 10**9, WIDTH, HEIGHT, "16UC1", 2 * WIDTH, depth.tobytes())
+                record.camera(f"{topic}/camera_info", 10**9, LEFT)
+    message = refused(path)
+    assert "the baseline is 0 m" in message
+    assert re.search(r"depth = in \[source\].*: .*/head/aligned_depth_to_color/image_raw", message)
+    vfoa("add", path, "--set", "depth=/head/aligned_depth_to_color/image_raw")
+    named = McapClip(RecordingSettings(recording=path.name, depth="/head/aligned_depth_to_color/image_raw"), tmp_path)
+    assert (named._streams.left.name, named._streams.right) == ("/head/color/image_raw", None)
+
+
 def test_a_recording_without_calibration_takes_a_file(tmp_path: Path) -> None:
     path = tmp_path / "bare.mcap"
     with recorder(path) as record:
