@@ -315,7 +315,10 @@ def _of_streams(topics: list[Topic]) -> list[Topic]:
 
 
 def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
-    """The pairs that fit best: same frame, similar names, both rectified or not, in colour, no left or right side."""
+    """The pairs that fit best: same frame, similar names, both rectified or not, in colour, no left or right side.
+
+    Of equal ones with the same depth, those whose names share the most words: ``depth_front`` is of ``rgb_front``.
+    """
 
     def rank(pair: tuple[Topic, Topic]) -> tuple[bool, int, bool, bool, bool]:
         colour, depth = pair
@@ -324,10 +327,17 @@ def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
         is_rectified = "rect" in depth.name or depth.name.endswith("depth_registered")  # ZED's name
         is_of_side = any(side in colour.name for side in ("left", "right"))
         same_frame = bool(depth.frame_id) and colour.frame_id == depth.frame_id
-        return same_frame, common, ("rect" in colour.name) == is_rectified, not _is_gray(colour), not is_of_side
+        same_rect = ("rect" in colour.name) == is_rectified
+        return same_frame, common, same_rect, not _is_gray(colour), not is_of_side
+
+    def shared(pair: tuple[Topic, Topic]) -> int:
+        return len(_words_of(pair[0].name) & _words_of(pair[1].name))
 
     highest = max(map(rank, pairs), default=None)
-    return [pair for pair in pairs if rank(pair) == highest]
+    best = [pair for pair in pairs if rank(pair) == highest]
+    if len({depth.name for _, depth in best}) != 1:
+        return best
+    return [pair for pair in best if shared(pair) == max(map(shared, best))]
 
 
 def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: str | None, where: str) -> Topic:
@@ -368,7 +378,11 @@ def _namespaces(name: str) -> Iterator[str]:
         yield name
 
 
-_OF_ANY_CALIBRATION = {"camera", "info", "image", "raw", "calibration"}
+_OF_ANY_CAMERA = {"camera", "info", "image", "raw", "calibration", ""}
+
+
+def _words_of(name: str) -> set[str]:
+    return {*re.split("[/_]", name)} - _OF_ANY_CAMERA
 
 
 def _with_words_of(image: Topic, cameras: list[Topic], namespace: str) -> list[Topic]:
@@ -376,10 +390,6 @@ def _with_words_of(image: Topic, cameras: list[Topic], namespace: str) -> list[T
 
     So ``left/camera_info_rect`` is that of ``left/image_rect``, and ``left/camera_info`` that of ``left/image_raw``.
     """
-
-    def words(topic: Topic) -> set[str]:
-        return {*re.split("[/_]", topic.name.removeprefix(namespace))} - _OF_ANY_CALIBRATION - {""}
-
-    own = words(image)
-    ranks = [(len(words(camera) & own), -len(words(camera) - own)) for camera in cameras]
+    own, *others = (_words_of(topic.name.removeprefix(namespace)) for topic in (image, *cameras))
+    ranks = [(len(words & own), -len(words - own)) for words in others]
     return [camera for camera, rank in zip(cameras, ranks, strict=True) if rank == max(ranks)]

@@ -9,8 +9,9 @@ import pytest
 from harness.sources.recordings.image_message import ImageMessage
 from harness.sources.recordings.messages import MessageType
 from harness.sources.recordings.settings import RecordingSettings
-from harness.sources.recordings.streams import Streams, find_streams
+from harness.sources.recordings.streams import Streams, find_camera, find_streams
 from harness.sources.recordings.topics import Place, Topic
+from vfoa.errors import VfoaError
 
 ENCODINGS = ("rgb8", "bgra8", "mono8", "16UC1", "32FC1")
 
@@ -76,3 +77,34 @@ def test_what_a_program_drew_is_read_by_its_name_or_alone() -> None:
     drawn = ("/stereo/left/detections", "/stereo/right/detections", None)
     assert names(find(DETECTIONS, left=drawn[0])) == drawn
     assert names(find([line for line in DETECTIONS if "image" not in line])) == drawn
+
+
+CARLA = tuple(
+    f"/carla/ego_vehicle/{camera}/image {form} @ego_vehicle/{camera}"
+    for camera, form in (
+        *(("rgb_front", "bgra8"), ("rgb_view", "bgra8"), ("depth_front", "32FC1")),
+        *(("semantic_segmentation_front", "bgra8"), ("instance_segmentation_front", "bgra8")),
+    )
+)
+
+
+def test_of_several_colour_cameras_the_one_with_the_words_of_the_depth_is_read() -> None:
+    left, _, depth = names(find(CARLA))
+    assert (left, depth) == ("/carla/ego_vehicle/rgb_front/image", "/carla/ego_vehicle/depth_front/image")
+    with pytest.raises(VfoaError, match="several colour and depth topics"):
+        find(line.replace("depth_front/", "depth/") for line in CARLA)
+    with pytest.raises(VfoaError, match="several colour and depth topics"):  # two cameras, one called as any camera
+        find(
+            f"/sim/{name}/{image}" for name in ("camera", "camera2") for image in ("image_raw", "depth/image_raw 32FC1")
+        )
+
+
+def test_the_calibration_beside_the_image_is_its_own() -> None:
+    lines = (
+        *("/front_stereo_camera/left/image_rect_color", "/front_stereo_camera/left/camera_info"),
+        *("/front_stereo_camera/left/camera_info_rect", "/front_stereo_camera/right/camera_info_rect"),
+    )
+    topics = [*map(topic, lines)]
+    assert find_camera(topics, topics[:1], None, "a.bag").name == "/front_stereo_camera/left/camera_info_rect"
+    with pytest.raises(VfoaError, match="no single calibration topic belongs to /tesse/left_cam/rgb/image_raw"):
+        find_camera([*map(topic, TESSE)], [find(TESSE).left], None, "a.bag")
