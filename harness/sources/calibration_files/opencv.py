@@ -60,6 +60,8 @@ _MOST_OFF = 2.0
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")
 _RECTIFICATION = ("R1", "R2", "P1", "P2")
+_WAYS = _RECTIFICATION, ("R", "T")
+"""What rectifies images, beside the lenses."""
 
 
 _ROLES = {
@@ -149,7 +151,7 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
         left, right = (_of_shape(matrices, f"P{number}", where) for number in "12")
         return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
     model: Model = "equidistant" if fisheye or says_fisheye(document) else "plumb_bob"
-    is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in (_RECTIFICATION, ("R", "T")))
+    is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in _WAYS)
     if is_rectifying or is_posed:
         size_px = size_px or size()
         first, second = (
@@ -237,9 +239,10 @@ def _is_of_one_camera(name: str) -> bool:
     return _plain(name) in _OF_A_CAMERA["K"] or re.fullmatch(r"(?:.*[_.])?fx(?:_px)?", name.lower()) is not None
 
 
-def has_lenses(document: Document) -> bool:
-    """Whether a document has K and D of both cameras, those of images that are not rectified."""
-    return {_role(name) for name in document} >= {*_LENSES}
+def rectifies(document: Document) -> bool:
+    """Whether a document has K and D of both cameras, and how they stand or how images are rectified."""
+    roles = {_role(name) for name in document}
+    return any(roles >= {*_LENSES, *names} for names in _WAYS)
 
 
 def is_distortion(name: object) -> bool:

@@ -157,7 +157,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
     if vins.is_vins(merged):
         chosen, has_baseline = options.calibration_cameras or (0, 1), options.baseline_m is not None
         return vins.PROGRAM, vins.vins_pair(merged, chosen, paths, has_baseline=has_baseline)
-    if orb_slam.is_orb_slam(merged) and (options.rectified or not opencv.has_lenses(merged)):
+    if orb_slam.is_orb_slam(merged) and (options.rectified or not opencv.rectifies(merged)):
         return orb_slam.PROGRAM, orb_slam.orb_slam_pair(merged, size, where, rectified=options.rectified)
     if matlab.is_matlab(merged):
         has_unit = "calibration_unit" in options.model_fields_set

@@ -120,3 +120,12 @@ def test_matrices_of_lenses_beside_orb_slam_s_rectified_camera_count(tmp_path: P
     rectified = read_cameras([path], size_px, Options(rectified=True))
     assert isinstance(rectified, Calibration)
     assert (rectified.cx_px, rectified.baseline_m) == (600, pytest.approx(0.12))
+
+
+def test_lenses_without_what_rectifies_leave_the_rectified_camera(tmp_path: Path) -> None:
+    """ORB-SLAM's own values are complete, and OpenCV's are not."""
+    lenses = {name: opencv_nodes(RIG)[name].tolist() for name in ("K1", "D1", "K2", "D2")}
+    path = write_text(tmp_path / "mine.yml", f"{EUROC}{yaml.safe_dump(lenses)}")
+    calibration = read_cameras([path], size_px)
+    assert isinstance(calibration, Calibration)
+    assert calibration.baseline_m == pytest.approx(0.110, abs=1e-3)
