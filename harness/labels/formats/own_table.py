@@ -135,7 +135,7 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
         imported = _frames(known, place, exchange, path)
     notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
     held = sum(len(exchange.positions(row)) for row in imported.labels.ranges)
-    if len(place) == 1 and held >= _SPARSE * max(len(known), 1):
+    if len(place) == 1 and held >= _SPARSE * max(len(given), 1):
         notes.append(
             f"{path}: a row is read as a label of one frame; --until-next: it holds until the person's next one."
         )

@@ -122,6 +122,8 @@ def test_a_table_of_onsets_names_the_option(tmp_path: Path) -> None:
     for rows in ("time_s\ngirl,bird,0\ngirl,cup,0.3\n", "frame\ngirl,bird,1\ngirl,cup,4\n"):
         _, notes = _read(tmp_path, f"who,what,{rows}")
         assert any("--until-next" in note for note in notes)
+    _, notes = _read(tmp_path, "who,what,frame\ngirl,bird,1\ngirl,,2\ngirl,,3\ngirl,,4\ngirl,cup,5\n")
+    assert not any("--until-next" in note for note in notes)  # a row for each frame, some without a target
     with pytest.raises(VfoaError, match="--until-next"):
         _read(tmp_path, "who,what,onset,ofset\ngirl,bird,0,1\n")
 
