@@ -304,7 +304,7 @@ def _labels_by_annotator(manifest: ClipManifest, clip: AnyClip, annotators: list
 
 
 def _pair(text: str) -> tuple[str, str]:
-
+    """Their name and ours, which may be empty, of ``THEIRS=OURS``."""
     theirs, equals, ours = text.rpartition("=")
     if not (equals and theirs):
         raise VfoaError(f"--rename {text}: expected THEIRS=OURS")

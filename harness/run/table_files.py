@@ -1,7 +1,7 @@
 """The files of a run's tables (:mod:`harness.run.tables`): written frame by frame, found in a run, and read.
 
-A row group has 600 frames, the same ones in all tables of a clip. They are read as columns of Arrow,
-or as the rows of a row group in plain values.
+A row group has 600 frames, the same ones in all tables of a clip. Tables are read as columns of Arrow, or as the rows
+of a row group in plain values.
 """
 
 from __future__ import annotations
