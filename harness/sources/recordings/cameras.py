@@ -17,10 +17,11 @@ from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import DepthOptics, DepthRegistration, without_distortion
 from harness.sources.media.images import width_by_height
 from harness.sources.recordings import orbbec, realsense
+from harness.sources.recordings.calibration_topics import find_camera
 from harness.sources.recordings.containers import Container
 from harness.sources.recordings.messages import camera, fields_of, reading, transforms_in
 from harness.sources.recordings.settings import RecordingSettings
-from harness.sources.recordings.streams import Streams, find_camera, has_no_frames, instead_of_pair, is_aligned
+from harness.sources.recordings.streams import Streams, has_no_frames, instead_of_pair, is_aligned
 from harness.sources.recordings.topics import Place, Topic
 from harness.sources.rectification import (
     Cameras,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from functools import partial
 from itertools import takewhile
 from typing import Generic, NamedTuple, TypeVar
 
 from harness.sources.media.frame_files import pair_names
+from harness.sources.recordings.calibration_topics import words_of
 from harness.sources.recordings.messages import READ
 from harness.sources.recordings.pixels import INFRARED, may_be_depth
 from harness.sources.recordings.settings import RecordingSettings
@@ -284,7 +285,7 @@ def _find_colour_and_depth(
             f"{where}: no colour topic beside {listed(depths)}; say left = in [source]: found {listed(images)}"
         )
     pairs = [(colour_topic, depth_topic) for depth_topic in depths for colour_topic in colours]
-    best = _nearest([pair for pair in pairs if is_aligned(pair[1], pair[0])] or pairs)
+    best = _best_of_copies(_nearest([pair for pair in pairs if is_aligned(pair[1], pair[0])] or pairs))
     if len(best) != 1:
         raise VfoaError(
             f"{where}: several colour and depth topics; say left = (colour) and depth = in [source]: "
@@ -331,7 +332,7 @@ def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
         return same_frame, common, same_rect, not _is_gray(colour), not is_of_side
 
     def shared(pair: tuple[Topic, Topic]) -> int:
-        return len(_words_of(pair[0].name) & _words_of(pair[1].name))
+        return len(words_of(pair[0].name) & words_of(pair[1].name))
 
     highest = max(map(rank, pairs), default=None)
     best = [pair for pair in pairs if rank(pair) == highest]
@@ -340,56 +341,33 @@ def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
     return [pair for pair in best if shared(pair) == max(map(shared, best))]
 
 
-def find_camera(topics: Iterable[Topic], images: Sequence[Topic], named_topic: str | None, where: str) -> Topic:
-    """Return a calibration topic: the named one, or the only one in the nearest common namespace of an image topic.
+def _best_of_copies(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
+    """The best pair, if all have copies of one camera's images: rectified, depth as integers, in colour; else all."""
+    if len(pairs) < 2 or not all(map(_are_copies, zip(*pairs, strict=True))):
+        return pairs
+    if len({_namespace(colour) for colour, _ in pairs}) > 1:  # such as rgb/image_raw and rgb/high_res/image_raw
+        return pairs
 
-    Of several there, it is the one whose words are most those of the image's name: ``left_camera_info`` of
-    ``left_image``. ``images`` are tried in order.
+    most = max(map(_frames_of, pairs))
 
-    Raises
-    ------
-    VfoaError
-        If there is none, or more than one.
-    """
-    cameras = sorted((topic for topic in topics if topic.type.kind == "calibration"), key=lambda topic: topic.name)
-    if named_topic is not None:
-        return named(cameras, named_topic, "calibration", where)
-    for image in images:
-        for namespace in _namespaces(image.name):
-            places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
-            same_place = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
-            same_place = _with_words_of(image, _with_messages(same_place) or same_place, namespace)
-            if len(same_place) == 1:
-                return same_place[0]
-    raise VfoaError(
-        f"{where}: no single calibration topic belongs to {images[0].name}; found {listed(cameras)}; expected "
-        "left_info, right_info or depth_info = in [source], or --calibration FILE of a pair, or --fx --cx --cy (or "
-        "--fov-deg), and --baseline of a pair ([source.camera])"
-    )
+    def worth(pair: tuple[Topic, Topic]) -> tuple[bool, bool, bool, bool]:
+        colour, depth = pair
+        has_all = _frames_of(pair) >= 0.9 * most
+        is_whole = depth.header is not None and depth.header.form.startswith("16")
+        is_colour = any(word in colour.name.split("/")[-1] for word in _COLOUR)
+        return has_all, colour.is_called_rectified, is_whole, is_colour
+
+    return [max(pairs, key=worth)]
 
 
-def _namespaces(name: str) -> Iterator[str]:
-    """Where a topic's calibration may be: below its own name, beside it, and in the namespaces above."""
-    yield name
-    name = name.rpartition("/")[0]
-    yield name
-    while "/" in name.strip("/"):
-        name = name.rpartition("/")[0]
-        yield name
+def _are_copies(topics: Collection[Topic]) -> bool:
+    """Whether topics are below one namespace, in the same frame, and of one size as far as it is known."""
+    above = min(map(_namespace, topics), key=len)
+    sizes = {topic.header.size_px for topic in topics if topic.header is not None} - {None}
+    frames = {topic.frame_id for topic in topics}
+    is_below = all(topic.name.startswith(f"{above}/") for topic in topics)
+    return is_below and len(sizes) < 2 and len(frames) == 1 and frames != {""}
 
 
-_OF_ANY_CAMERA = {"camera", "info", "image", "raw", "calibration", ""}
-
-
-def _words_of(name: str) -> set[str]:
-    return {*re.split("[/_]", name)} - _OF_ANY_CAMERA
-
-
-def _with_words_of(image: Topic, cameras: list[Topic], namespace: str) -> list[Topic]:
-    """Those that share the most words with an image's name below a namespace, and of these have the fewest others.
-
-    So ``left/camera_info_rect`` is that of ``left/image_rect``, and ``left/camera_info`` that of ``left/image_raw``.
-    """
-    own, *others = (_words_of(topic.name.removeprefix(namespace)) for topic in (image, *cameras))
-    ranks = [(len(words & own), -len(words - own)) for words in others]
-    return [camera for camera, rank in zip(cameras, ranks, strict=True) if rank == max(ranks)]
+def _namespace(topic: Topic) -> str:
+    return _TRANSPORT.sub("", topic.name).rpartition("/")[0]

@@ -6,10 +6,11 @@ from collections.abc import Iterable
 
 import pytest
 
+from harness.sources.recordings.calibration_topics import find_camera
 from harness.sources.recordings.image_message import ImageMessage
 from harness.sources.recordings.messages import MessageType
 from harness.sources.recordings.settings import RecordingSettings
-from harness.sources.recordings.streams import Streams, find_camera, find_streams
+from harness.sources.recordings.streams import Streams, find_streams
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
 
@@ -77,6 +78,30 @@ def test_what_a_program_drew_is_read_by_its_name_or_alone() -> None:
     drawn = ("/stereo/left/detections", "/stereo/right/detections", None)
     assert names(find(DETECTIONS, left=drawn[0])) == drawn
     assert names(find([line for line in DETECTIONS if "image" not in line])) == drawn
+
+
+OPENNI = (
+    *("rgb/image_raw", "rgb/image_color", "rgb/image_mono mono8", "rgb/image_rect_color", "rgb/image_rect_mono mono8"),
+    *("depth/image_raw 16UC1 @depth", "depth/image 32FC1 @depth", "depth_registered/image_raw 16UC1"),
+    *("depth_registered/image 32FC1", "ir/image_raw 16UC1 @depth"),
+)
+RECTIFIED = tuple(f"depth_registered/sw_registered/image_rect{form}" for form in (" 32FC1", "_raw 16UC1"))
+
+
+def test_of_the_copies_of_one_camera_s_images_the_best_are_read() -> None:
+    """As ``rosbag record -a`` keeps those of OpenNI's driver (Kinect, Xtion): rectified, else as they are."""
+    every = [f"/xtion/{line}{'' if '@' in line else ' @color'}" for line in OPENNI]
+    left, _, depth = names(find(every))
+    assert (left, depth) == ("/xtion/rgb/image_color", "/xtion/depth_registered/image_raw")
+    left, _, depth = names(find([*every, *(f"/xtion/{line} @color" for line in RECTIFIED)]))
+    assert (left, depth) == ("/xtion/rgb/image_rect_color", "/xtion/depth_registered/sw_registered/image_rect_raw")
+    left, _, _ = names(find(line.replace("image_color", "image_color 2") for line in every))
+    assert left == "/xtion/rgb/image_raw"
+    with pytest.raises(VfoaError, match="several colour and depth topics"):
+        find([*every[:1], "/xtion/rgb/high_res/image_raw @color", *every[5:]])
+    kinect = (f"/kinect2/{size}/{image} @color" for size in ("hd", "qhd") for image in ("image_color", "depth 16UC1"))
+    with pytest.raises(VfoaError, match="several colour and depth topics"):  # two sizes
+        find(kinect)
 
 
 CARLA = tuple(
