@@ -13,6 +13,7 @@ from pathlib import Path
 
 from harness.files.dialects import Row, is_missing, plain_name
 from harness.files.io import opened
+from harness.labels.formats.exchange import NameLog
 from harness.labels.labels import NOWHERE
 from vfoa.errors import VfoaError
 
@@ -108,10 +109,10 @@ def area_of(column: str) -> str | None:
     return match["area"] if (match := _AOI_HIT.fullmatch(column)) else None
 
 
-def with_target(rows: Sequence[Row], called: Mapping[int, str], path: Path) -> Sequence[Row]:
+def with_target(rows: Sequence[Row], called: Mapping[int, str], names: NameLog, path: Path) -> Sequence[Row]:
     """Rows with a target each, of those with columns of 0 and 1, ``called`` as targets by their places.
 
-    Rows without such columns stay as they are.
+    Rows without such columns stay as they are. Of an area within another one that is left out, the inner one counts.
 
     Raises
     ------
@@ -124,12 +125,13 @@ def with_target(rows: Sequence[Row], called: Mapping[int, str], path: Path) -> S
     if not targets:
         return rows
     for place, (number, cell) in others.items():
-        raise VfoaError(f"{path}:{number}: {header[place]}: found {cell[:40]!r}; expected 0, 1 or nothing")
+        if names.translate(called[place]):
+            raise VfoaError(f"{path}:{number}: {header[place]}: found {cell[:40]!r}; expected 0, 1 or nothing")
     movements = _movements(header, targets)
     kept = [place for place in range(len(header)) if place not in (*targets, *movements.values())]
     table: list[Row] = [(line, [*(header[place] for place in kept), "target"])]
     for number, cells in lines:
-        seen = _seen(cells, targets, f"{path}:{number}")
+        seen = _seen(cells, targets, names, f"{path}:{number}")
         if seen == NOWHERE and not _in_fixation(cells, movements):
             seen = ""
         table.append((number, [*(cells[place] for place in kept), seen]))
@@ -156,9 +158,15 @@ def _other_cell(lines: Sequence[Row], place: int) -> tuple[int, str] | None:
     return next(((number, cell) for number, cell in cells if cell.lower() not in _SEEN | _NOT_SEEN), None)
 
 
-def _seen(cells: Sequence[str], targets: Mapping[int, str], where: str) -> str:
+def kept_areas(areas: Iterable[str], names: NameLog) -> list[str]:
+    """Areas that are looked at together, one for each of our names; without those left out, if there are others."""
+    by_ours = {names.translate(area): area for area in areas}
+    return [area for ours, area in by_ours.items() if ours] or [*by_ours.values()]
+
+
+def _seen(cells: Sequence[str], targets: Mapping[int, str], names: NameLog, where: str) -> str:
     """The only target with a 1; none where all have 0, and nothing where all are blank."""
-    seen = dict.fromkeys(name for place, name in targets.items() if cells[place].lower() in _SEEN)
+    seen = kept_areas((name for place, name in targets.items() if cells[place].lower() in _SEEN), names)
     if len(seen) > 1:
-        raise VfoaError(f"{where}: found 1 for {' and '.join(seen)}; expected one target")
+        raise VfoaError(f"{where}: found 1 for {' and '.join(seen)}; expected one (--rename THEIRS= leaves one out)")
     return next(iter(seen), "" if all(is_missing(cells[place]) for place in targets) else NOWHERE)

@@ -207,11 +207,11 @@ def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[
     header = rows[0][1]
     if "target" in {_column(name) for name in header}:
         return rows
-    known = {*exchange.targets, *exchange.subjects}
+    known = {*exchange.targets, *exchange.subjects, ""}
     areas = {place: area for place, name in enumerate(header) if (area := area_of(name))}
-    named = {place: name for place, name in enumerate(header) if exchange.names.translate(name) in known}
+    named = {place: name for place, name in enumerate(header) if name and exchange.names.translate(name) in known}
     called = dict(sorted({**named, **areas}.items()))
-    return with_target(rows, called, path)
+    return with_target(rows, called, exchange.names, path)
 
 
 def _columns(header: Sequence[str], where: str) -> tuple[dict[str, int], list[str]]:

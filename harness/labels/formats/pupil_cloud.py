@@ -17,6 +17,7 @@ from pathlib import Path
 
 from harness.files.dialects import Row, plain_name
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
+from harness.labels.formats.eye_trackers import kept_areas
 from harness.labels.formats.own_table import even_rows, from_rows
 from harness.labels.labels import NOWHERE
 from vfoa.errors import VfoaError, check_known
@@ -33,7 +34,7 @@ class PupilCloud(ReadOnly):
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read labels. The subject is the recording's wearer, or the clip's only one if there is one recording."""
-        areas = _areas(path, exchange)
+        areas = _areas(path)
         fixations = path.with_name("fixations.csv")
         if not fixations.is_file():
             raise VfoaError(f"{path}: no fixations.csv beside it; expected the folder that Pupil Cloud exported")
@@ -48,15 +49,15 @@ class PupilCloud(ReadOnly):
         table: list[Row] = [(line, ["subject", "target", "start_ns", "end_ns"])]
         for number, cells in rows:
             if cells[recording] in subjects:
-                names = areas.get((cells[recording], cells[fixation]), {})
+                names = kept_areas(areas.get((cells[recording], cells[fixation]), ()), exchange.names)
                 if len(names) > 1:
-                    found = f"fixation {cells[fixation]} is in {' and '.join(names.values())}"
+                    found = f"fixation {cells[fixation]} is in {' and '.join(names)}"
                     raise VfoaError(
-                        f"{fixations}:{number}: {found}; expected one area: take one out in Pupil Cloud, or give both "
-                        "one name (--rename THEIRS=OURS)"
+                        f"{fixations}:{number}: {found}; expected one area: leave one out (--rename THEIRS=), or give "
+                        "both one name (--rename THEIRS=OURS)"
                     )
                 nowhere = NOWHERE if cells[detected].lower() == "true" else ""
-                area = next(iter(names.values()), nowhere)
+                area = next(iter(names), nowhere)
                 table.append((number, [subjects[cells[recording]], area, cells[start], cells[end]]))
         for key in areas.keys() - {(cells[recording], cells[fixation]) for _, cells in rows}:
             raise VfoaError(
@@ -75,14 +76,14 @@ def _column(header: Sequence[str], names: Sequence[str], where: str, hint: str =
     return found
 
 
-def _areas(path: Path, exchange: Exchange) -> dict[_Key, dict[str, str]]:
-    """The areas of each fixation that is in one, by our names."""
+def _areas(path: Path) -> dict[_Key, list[str]]:
+    """The areas of each fixation that is in one."""
     (line, header), *rows = even_rows(path)
     area = _column(header, _AREAS, f"{path}:{line}", ", of aoi_fixations.csv")
     key = [_column(header, (name,), f"{path}:{line}") for name in ("recording_id", "fixation_id")]
-    found = defaultdict[_Key, dict[str, str]](dict)
+    found = defaultdict[_Key, list[str]](list)
     for _, cells in rows:
-        found[cells[key[0]], cells[key[1]]].setdefault(exchange.names.translate(cells[area]), cells[area])
+        found[cells[key[0]], cells[key[1]]].append(cells[area])
     return found
 
 

@@ -166,6 +166,19 @@ def test_rows_without_a_0_or_1_have_no_label(tmp_path: Path) -> None:
         _read(tmp_path, "frame,subject,bird,cup\n1,girl,1,0\n2,girl,1,1\n")
 
 
+@pytest.mark.parametrize(
+    "header", ["frame,subject,screen,bird,says", "frame,subject,AOI hit [screen],AOI hit [S - bird],says"]
+)
+def test_a_column_of_a_target_may_be_left_out(tmp_path: Path, header: str) -> None:
+    """Where it alone has a 1, there is no label; a bird on the screen is looked at."""
+    text = f"{header}\n1,girl,1,0,hm\n2,girl,1,1,\n3,girl,0,0,\n4,girl,0,1,\n5,girl,1,0,\n"
+    labels, notes = _read(tmp_path, text, renamed={"screen": "", "says": ""})
+    assert labels == Labels([row(2, 2, "bird"), row(3, 3, "none"), row(4, 4, "bird")])
+    assert any("2 labels of 'screen' (--rename)" in note for note in notes)
+    one, _ = _read(tmp_path, text, renamed={"screen": "bird"})
+    assert one == Labels([row(1, 2, "bird"), row(3, 3, "none"), row(4, 5, "bird")])
+
+
 def test_of_rows_between_frames_each_frame_takes_the_nearest(tmp_path: Path) -> None:
     """Those of an eye tracker at 50 Hz, beside frames at 10 Hz: at 0.1 s is another label than about it."""
     rows = [f"girl,{'bird' if n % 5 == 0 else 'cup'},{0.02 * n:.2f}\n" for n in range(24)]

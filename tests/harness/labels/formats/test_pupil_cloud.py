@@ -97,6 +97,8 @@ def test_a_wearer_is_a_subject_and_one_recording_may_be_chosen(tmp_path: Path) -
         _read(path, renamed=names, observation="trial 1")
     labels, _ = _read(path, renamed=names, observation=OTHER)
     assert _targets(labels, "boy") == EXPECTED
+    labels, _ = _read(path, renamed=names | {"bird": ""}, observation="trial 1")
+    assert _targets(labels, "girl") == [(3, 3, "none"), (4, 4, "ignore"), (5, 5, "cup")]
 
 
 def test_the_only_subject_of_a_clip_is_the_wearer_of_the_only_recording(tmp_path: Path) -> None:
