@@ -111,7 +111,7 @@ def test_a_table_of_ones_own_is_made_as_documented(
     frames = run.frames[["clip", "configuration", "frame", "subject", "predicted"]].drop_duplicates()
     shares = frames.groupby(["configuration", "clip", "subject"])["predicted"].value_counts(normalize=True)
     assert {
-        (*key[:3], key[3].replace("(nothing hit)", "nowhere")): share for key, share in shares.items()
+        (*key[:3], key[3].replace("(nothing hit)", "none")): share for key, share in shares.items()
     } == pytest.approx(dict(table.items()))
 
 
