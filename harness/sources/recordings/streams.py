@@ -88,7 +88,7 @@ def _lossy_depth(topics: Iterable[Topic]) -> str:
 
 
 def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
-    """A note if the rig's images were recorded in other ways, too."""
+    """A note if the pair was recorded in other ways, too, or other pairs were."""
     images = (topic for topic in _with_messages(topics) if topic.is_image)
     pictures = (topic for topic in images if not may_be_depth(topic.name, topic.header))
     pairs = _pairs(sorted(pictures, key=lambda topic: topic.name))
@@ -96,8 +96,7 @@ def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]
         others = [pair[0].name for pair in _best_of_each_rig(pairs)]
         took = "left = and right = in [source] take it instead"
         return tuple(f"a pair was recorded, too: {other}; {took}" for other in others)
-    rig = _rig_of((streams.left, streams.right))
-    lefts = [pair[0].name for pair in pairs if _rig_of(pair) == rig]
+    lefts = [left.name for left, _ in pairs]
     chosen = _TRANSPORT.sub("", streams.left.name)
     others = [name for name in dict.fromkeys(_TRANSPORT.sub("", left) for left in lefts) if name != chosen]
     if not others:
@@ -168,13 +167,16 @@ _DRAWN = re.compile(
 """Names of images that a simulator labelled, or a program drew on, in lower case, as a pattern."""
 
 
-def _taken(images: Iterable[Topic]) -> list[Topic]:
-    """Pictures that a camera took: neither depth nor what a program drew."""
+def _taken(images: Iterable[Topic], depths: Iterable[Topic] = ()) -> list[Topic]:
+    """Pictures that a camera took: neither depth nor what a program drew, whose word no depth has in its name."""
+    of_cameras = {word for depth in depths for word in _drawn_words(depth)}
     return [
-        topic
-        for topic in images
-        if not may_be_depth(topic.name, topic.header) and not _DRAWN.search(f"/{topic.name.lower()}")
+        topic for topic in images if not may_be_depth(topic.name, topic.header) and _drawn_words(topic) <= of_cameras
     ]
+
+
+def _drawn_words(topic: Topic) -> set[str]:
+    return {match[0] for match in _DRAWN.finditer(f"/{topic.name.lower()}")}
 
 
 def _pairs(images: Iterable[Topic], left: str | None = None, right: str | None = None) -> list[tuple[Topic, Topic]]:
@@ -302,7 +304,7 @@ def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
         if topic.places and topic not in depths and not may_be_depth(topic.name, topic.header)
         if not _NO_COLOUR.search(topic.name.lower())
     ]
-    others = _taken(others) or others
+    others = _taken(others, depths) or others
     by_name = [topic for topic in others if any(word in topic.name.lower() for word in _COLOUR)]
     return _of_streams(by_name or [topic for topic in others if "depth" not in topic.name.lower()])
 

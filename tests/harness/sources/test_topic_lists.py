@@ -10,7 +10,7 @@ from harness.sources.recordings.calibration_topics import find_camera
 from harness.sources.recordings.image_message import ImageMessage
 from harness.sources.recordings.messages import MessageType
 from harness.sources.recordings.settings import RecordingSettings
-from harness.sources.recordings.streams import Streams, find_streams
+from harness.sources.recordings.streams import Streams, find_streams, unused_pairs
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
 
@@ -78,6 +78,14 @@ def test_what_a_program_drew_is_read_by_its_name_or_alone() -> None:
     drawn = ("/stereo/left/detections", "/stereo/right/detections", None)
     assert names(find(DETECTIONS, left=drawn[0])) == drawn
     assert names(find([line for line in DETECTIONS if "image" not in line])) == drawn
+
+
+def test_a_camera_that_is_called_as_what_a_program_drew_keeps_its_depth_and_is_noted() -> None:
+    images = ("/detection_camera/color/image_raw @c", "/detection_camera/depth/image_raw 16UC1 @d", "/webcam/image_raw")
+    assert names(find(images))[0] == "/detection_camera/color/image_raw"
+    topics = [*map(topic, YOLO)]
+    (note,) = unused_pairs(topics, find_streams(topics, RecordingSettings(recording="a.bag"), "a.bag"))
+    assert "/yolo/left/dbg_image" in note
 
 
 OPENNI = (
