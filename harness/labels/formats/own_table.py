@@ -295,7 +295,9 @@ def _spans(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path
         ends = [(cells[column], f"{where}: {column}") for column in (place[0], place[-1])]
         if place[0] in MS_PER_UNIT:
             first, last = (time_ms_of(*each, unit_ms=MS_PER_UNIT[place[0]]) for each in ends)
-            start, end = round(first), round(first + last if place[-1].startswith("duration") else last)
+            if place[-1] in _DURATIONS:
+                last, where = first + last, f"{where} ({place[-1]} {cells[place[-1]]})"
+            start, end = round(first), round(last)
         elif place[0] == "start_ns":
             start, end = (rounded_ms(whole_of(*each, "ns")) for each in ends)
         else:

@@ -226,8 +226,8 @@ def opencv_camera(document: Document, size_px: tuple[int, int], where: str) -> R
 
 
 def _check_model(document: Document, where: str) -> None:
-    """Raise a :class:`VfoaError` for a camera of cv2.omnidir, whose K and D have the names of others."""
-    if name := next((name for name in document if _XI.fullmatch(_plain(name))), None):
+    """Raise a :class:`VfoaError` for a camera of cv2.omnidir, whose K and D have the names of others; xi is not 0."""
+    if name := next((name for name in document if _XI.fullmatch(_plain(name)) and np.any(document[name])), None):
         raise VfoaError(
             f"{where}: {name}: found a camera of cv2.omnidir, whose model is not read; expected one of "
             "cv2.stereoCalibrate or cv2.fisheye: calibrate again with one of these"

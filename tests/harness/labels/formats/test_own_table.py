@@ -72,6 +72,8 @@ def test_a_duration_that_is_not_read_is_named(tmp_path: Path) -> None:
     assert (labels, notes) == (Labels([row(1, 2, "bird")]), ())
     with pytest.raises(VfoaError, match="start_s and end_s and of time_s"):
         _read(tmp_path, "who,what,time,start,end,duration\ngirl,bird,0,0,1,1\n")
+    with pytest.raises(VfoaError, match=r"csv:3 \(duration_s 0\.2\): 'girl' has two labels"):
+        _read(tmp_path, "who,what,time,duration\ngirl,bird,0,0.2\ngirl,none,0.1,0.2\n")
 
 
 @pytest.mark.parametrize(

@@ -148,3 +148,10 @@ def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
         read_rectified(path)
     calibration = read_rectified(path, Options(rectified=True))
     assert calibration.baseline_m == pytest.approx(np.linalg.norm(translation))
+
+
+@pytest.mark.parametrize("xi", [0.0, None])
+def test_an_xi_of_0_is_no_other_model(tmp_path: Path, xi: float | None) -> None:
+    nodes = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+    path = write_yaml(tmp_path / "c.yaml", {**nodes, "xi": xi, "image_size": list(SIZE)})
+    assert read_raw([path]).rectified().baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m))
