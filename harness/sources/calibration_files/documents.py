@@ -28,7 +28,7 @@ from harness.sources.rectification import (
     pair_of_infos,
     rectify_pose,
 )
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 from vfoa.types import Float
 
 SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz", ".mat"})
@@ -103,9 +103,11 @@ def numbers(value: Any, where: str, count: int | None = None) -> Float:
         values = np.asarray(words, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError, OverflowError):
         raise VfoaError(f"{where}: found {given!r}; expected numbers") from None
-    if (count is not None and values.size != count) or not np.isfinite(values).all():
-        expected = "finite numbers" if count is None else f"{count} finite numbers"
-        raise VfoaError(f"{where}: found {values.size} numbers; expected {expected}")
+    unknown = values[~np.isfinite(values)]
+    if (count is not None and values.size != count) or unknown.size:
+        found = f"{unknown[0]:g} among {counted(values.size, 'number')}" if unknown.size else f"{values.size} numbers"
+        expected = "finite numbers" if count is None else counted(count, "finite number")
+        raise VfoaError(f"{where}: found {found}; expected {expected}")
     return values
 
 

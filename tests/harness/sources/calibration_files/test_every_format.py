@@ -166,7 +166,7 @@ IN_COLUMNS = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [-0.12, 0, 0, 1]]
         (
             partial(_kalibr, distortion_coeffs=[0, 0, 0, np.inf]),
             Options(),
-            r"cam1: distortion_coeffs: found 4 .*4 finite",
+            r"cam1: distortion_coeffs: found inf among 4 .*4 finite",
         ),
         (partial(_kalibr, intrinsics=None), Options(), "cam1: no intrinsics"),
         (partial(_kalibr, distortion_model="fov"), Options(), "cam1: model pinhole-fov"),
