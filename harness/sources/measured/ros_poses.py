@@ -20,7 +20,6 @@ body's own steps away. A pose that was sent once, or on /tf_static, holds in all
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -32,6 +31,7 @@ from numpy.typing import NDArray
 from pydantic import field_validator
 
 from harness.files.digests import digest_files
+from harness.files.groups import grouped
 from harness.files.safe_names import check_name, composed
 from harness.sources import Recognised
 from harness.sources.measured.motion_capture import (
@@ -273,10 +273,7 @@ def _names(trajectories: Mapping[str, _Trajectory]) -> dict[str, str]:
     names: dict[str, str] = {}
     for are_topics in (True, False):
         keys = [key for key in sorted(trajectories) if key.startswith("/") == are_topics]
-        alike = defaultdict[str, list[str]](list)
-        for key in keys:
-            alike[_short(key)].append(key)
-        for short, those in alike.items():
+        for short, those in grouped((_short(key), key) for key in keys).items():
             for key in those:
                 name = short if len(those) == 1 and short not in names else key.strip("/")
                 with reported_as(trajectories[key].where):

@@ -9,6 +9,7 @@ from functools import partial
 from itertools import takewhile
 from typing import Generic, NamedTuple, TypeVar
 
+from harness.files.groups import grouped
 from harness.sources.media.frame_files import pair_names
 from harness.sources.recordings.calibration_topics import words_of
 from harness.sources.recordings.messages import READ
@@ -199,10 +200,7 @@ def _best_of_each_rig(pairs: Iterable[tuple[Topic, Topic]]) -> list[tuple[Topic,
 
     Pairs with a tenth less frames than another one of the rig count less than that.
     """
-    rigs: dict[str, list[tuple[Topic, Topic]]] = {}
-    for pair in pairs:
-        rigs.setdefault(_rig_of(pair), []).append(pair)
-
+    rigs = grouped((_rig_of(pair), pair) for pair in pairs)
     return [max(of_rig, key=partial(_worth, max(map(_frames_of, of_rig)))) for of_rig in rigs.values()]
 
 
@@ -311,9 +309,7 @@ def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
 
 def _of_streams(topics: list[Topic]) -> list[Topic]:
     """One topic per stream: the one with the most messages; of equal ones, the raw one."""
-    streams: dict[str, list[Topic]] = {}
-    for topic in topics:
-        streams.setdefault(_TRANSPORT.sub("", topic.name), []).append(topic)
+    streams = grouped((_TRANSPORT.sub("", topic.name), topic) for topic in topics)
     return [max(copies, key=lambda topic: (len(topic.places), topic.type.kind == "raw")) for copies in streams.values()]
 
 
