@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -35,6 +35,10 @@ SUFFIXES = frozenset({".yml", ".yaml", ".xml", ".json", ".npz", ".mat"})
 _BY_START = {b"%YAML": ".yml", b"<?xml": ".xml", b"{": ".json"}
 
 Document = Mapping[str, Any]
+
+Unit = Literal["m", "cm", "mm"]
+METRES: Mapping[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""The units of a translation that can be given, or be in a name."""
 
 _OPENCV_HEAD = re.compile(rb"\A(?:[ \t]*(?:#[^\n]*)?\r?\n)*%YAML:[^\n]*")
 """OpenCV writes "%YAML:1.0", which is not a valid YAML directive."""

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from harness.sources.calibration import Calibration, ProjectionError, from_projections
-from harness.sources.calibration_files.documents import Document, numbers
+from harness.sources.calibration_files.documents import METRES, Document, numbers
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.rectification import (
     MODELS,
@@ -41,12 +41,11 @@ _OF_THE_PAIR = {
 }
 _TABLES_OF_THE_PAIR = ("", "stereo", "extrinsic", "extrinsics")
 """Where R and T are in a file with a table for each camera; "" is beside them."""
-_UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0}
 _WITH_UNIT = {
     f"{table}{name}{unit}": unit_m
     for table in _TABLES_OF_THE_PAIR
     for name in _OF_THE_PAIR["T"]
-    for unit, unit_m in _UNITS_M.items()
+    for unit, unit_m in METRES.items()
 }
 """The unit of a translation whose name says it, by that name."""
 _MOST_RADIANS = 0.15
@@ -54,7 +53,6 @@ _MOST_RADIANS = 0.15
 
 The cameras of most pairs differ by less than this in radians, and by more than this in degrees.
 """
-_BASELINE = re.compile(rf".*baseline({'|'.join(_UNITS_M)})")
 _MOST_OFF = 2.0
 """Largest ratio of a baseline to the one of the matrices; a nominal one is off by some percent, another unit by 10."""
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
@@ -114,13 +112,17 @@ def _unit_m(document: Document, cameras: Cameras, where: str) -> float:
 
     People write both beside matrices in metres, too, so the lengths are compared.
     """
-    values = {name: value for name, value in _one_level(document) if _stated_unit_m(name) and value is not None}
-    if not values:
+    lengths = [
+        (name, value, unit_m)
+        for name, value in _one_level(document)
+        if value is not None and (unit_m := _stated_unit_m(name)) is not None
+    ]
+    if not lengths:
         return 1.0
-    name = min(values, key=lambda name: _plain(name) not in _WITH_UNIT)
-    baseline, own_m = float(np.linalg.norm(numbers(values[name], f"{where}: {name}"))), _stated_unit_m(name)
+    name, value, own_m = min(lengths, key=lambda length: _plain(length[0]) not in _WITH_UNIT)
+    baseline = float(np.linalg.norm(numbers(value, f"{where}: {name}")))
     length = (cameras if isinstance(cameras, Calibration) else cameras.rectified()).baseline_m
-    for unit_m in _UNITS_M.values():
+    for unit_m in METRES.values():
         if 1 / _MOST_OFF < baseline * own_m / (length * unit_m) < _MOST_OFF:
             return unit_m
     raise VfoaError(
@@ -129,11 +131,11 @@ def _unit_m(document: Document, cameras: Cameras, where: str) -> float:
     )
 
 
-def _stated_unit_m(name: str) -> float:
-    """The unit in the name of a translation or a baseline; 0 of any other name."""
+def _stated_unit_m(name: str) -> float | None:
+    """The unit in the name of a translation or a baseline; None of any other name."""
     plain = _plain(name)
-    is_baseline = _BASELINE.fullmatch(plain)
-    return _UNITS_M[is_baseline[1]] if is_baseline else _WITH_UNIT.get(plain, 0.0)
+    of_baselines = (unit_m for unit, unit_m in METRES.items() if plain.endswith(f"baseline{unit}"))
+    return next(of_baselines, _WITH_UNIT.get(plain))
 
 
 def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:

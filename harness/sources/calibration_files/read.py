@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 from pydantic import Field
 
@@ -25,7 +24,7 @@ from harness.sources.calibration_files import (
     texts,
     vins,
 )
-from harness.sources.calibration_files.documents import SUFFIXES
+from harness.sources.calibration_files.documents import METRES, SUFFIXES, Unit
 from harness.sources.calibration_files.one_camera import realsense_cameras
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
@@ -33,9 +32,6 @@ from harness.sources.media.frame_files import pair_names
 from harness.sources.rectification import Cameras, ImageSize, in_metres, scaled_to
 from vfoa.errors import VfoaError, listed
 from vfoa.settings import Settings
-
-Unit = Literal["m", "cm", "mm"]
-METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 LARGEST_BYTES = 1_000_000
 """Longer texts are not tried as calibrations."""

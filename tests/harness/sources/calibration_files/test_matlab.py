@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.sources.calibration_files.read import METRES, Options, Unit, find_calibrations
+from harness.sources.calibration_files.documents import METRES, Unit
+from harness.sources.calibration_files.read import Options, find_calibrations
 from tests import calibrations
 from tests.calibration_formats import assert_rows_match_and_depths_come_back, points_ahead, read_raw, size_px
 from tests.calibrations import RIG, SIZE, Rig

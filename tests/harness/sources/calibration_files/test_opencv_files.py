@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from harness.sources.calibration_files.read import METRES, Options, Unit, read_cameras
+from harness.sources.calibration_files.documents import METRES, Unit
+from harness.sources.calibration_files.read import Options, read_cameras
 from tests.calibration_formats import (
     FISHEYE,
     assert_rows_match_and_depths_come_back,
