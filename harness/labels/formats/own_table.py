@@ -32,7 +32,6 @@ from harness.labels.formats.exchange import (
     without,
 )
 from harness.labels.formats.eye_trackers import area_of, check_no_recording, of_eye_tracker, with_target
-from harness.labels.formats.onsets import until_next
 from harness.labels.formats.table_times import (
     MS_PER_UNIT,
     UNITS,
@@ -40,6 +39,7 @@ from harness.labels.formats.table_times import (
     check_milliseconds,
     check_unit,
     time_ms_of,
+    until_next,
     whole_of,
 )
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
@@ -81,6 +81,8 @@ _MOMENTS, _DURATIONS = ("time_s", "time_ms", "time_us", "time_ns"), ("duration_s
 _ENDS = tuple(dict.fromkeys(place[-1] for place in _PLACES if len(place) > 1))
 _ONSETS = tuple(dict.fromkeys(place[:1] for place in _PLACES))
 """Those that say where a row ends, and from where on it holds."""
+_SPARSE = 2
+"""Frames for each row, from the first one to the last one, from which a table may be one of onsets."""
 
 
 class OwnTable(ReadOnly):
@@ -127,12 +129,7 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
         known, place = until_next(
             given, known, place[0], exchange, None if is_own else _timeline(place[0], exchange, path)
         )
-    if place[0] in _MOMENTS and len(place) == 1:
-        imported = _moments(known, place[0], exchange, path)
-    elif place[0] in (*MS_PER_UNIT, "start_ns") or exchange.fps is not None:
-        imported = _spans(known, place, exchange, path)
-    else:
-        imported = _frames(known, place, exchange, path)
+    imported = _labels(known, place, exchange, path)
     notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
     held = sum(len(exchange.positions(row)) for row in imported.labels.ranges)
     if len(place) == 1 and held >= _SPARSE * max(len(given), 1):
@@ -144,16 +141,21 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
 
 
+def _labels(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:
+    """The labels of rows that hold where these columns say."""
+    if place[0] in _MOMENTS and len(place) == 1:
+        return _moments(rows, place[0], exchange, path)
+    if place[0] in (*MS_PER_UNIT, "start_ns") or exchange.fps is not None:
+        return _spans(rows, place, exchange, path)
+    return _frames(rows, place, exchange, path)
+
+
 def even_rows(path: Path) -> Sequence[Row]:
     """The header, which may be empty, and the rows, all as long as it is."""
     rows = table_rows(path) or [(1, [])]
     for line, cells in rows:
         check_width(cells, rows[0][1], f"{path}:{line}")
     return rows
-
-
-_SPARSE = 2
-"""Frames for each row, from the first one to the last one, from which a table may be one of onsets."""
 
 
 _RECORDING = ("recording_name", "recording_id")
