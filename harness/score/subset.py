@@ -124,43 +124,56 @@ def subset(
                 raise VfoaError(f"--where: {timed}: the run has no times of {clip}; run it again, or use frame")
     has_distances = any(condition.key in DISTANCES for condition in conditions)
     distances = measured_distances(columns(), labels) if has_distances else {}
+
+    def numbered(clip: str, subject: str) -> Iterator[_Numbered]:
+        return _frames_of(clip, subject, labels[clip], frames[clip], times_ns.get(clip, ()), distances)
+
     found: dict[str, Labels] = {}
-    seen = {condition.key: list[float]() for condition in conditions if condition.key in NUMBERS}
     for clip, of_clip in labels.items():
-        ranges = list(_ranges(clip, of_clip, conditions, frames[clip], times_ns.get(clip, ()), distances, seen))
+        ranges = [row for name in of_clip.subjects for row in _ranges(clip, name, numbered(clip, name), conditions)]
         if ranges:
             found[clip] = Labels(ranges)
     if not found:
         asked = " --where ".join(each.text for each in conditions)
-        ends = {key: (round(min(values), 3), round(max(values), 3)) for key, values in seen.items() if values}
-        known = "".join(f"; {key} is {low} to {high}" for key, (low, high) in ends.items())
-        raise VfoaError(f"--where {asked}: no labelled frame of the run meets this{known}")
+        pairs = ((clip, subject) for clip, of_clip in labels.items() for subject in of_clip.subjects)
+        labelled = [numbers for pair in pairs for _, label, numbers in numbered(*pair) if label]
+        raise VfoaError(f"--where {asked}: no labelled frame of the run meets this{_known(labelled, conditions)}")
     return found
 
 
-def _ranges(
-    clip: str,
-    labels: Labels,
-    conditions: Sequence[Condition],
-    frames: Sequence[int],
-    times_ns: Sequence[int],
-    distances: Distances,
-    seen: Mapping[str, list[float]],
-) -> Iterator[LabelRange]:
-    """Yield the ranges of a clip's frames that meet all conditions; known numbers of labelled ones go to ``seen``."""
+_Numbered = tuple[int, Label | None, Mapping[str, float]]
+"""A frame, a subject's label in it, and the numbers that conditions may be on."""
+
+
+def _frames_of(
+    clip: str, subject: str, labels: Labels, frames: Sequence[int], times_ns: Sequence[int], distances: Distances
+) -> Iterator[_Numbered]:
+    """Yield all frames of a clip for a subject."""
     seconds = [time / 1e9 for time in times_ns] or [math.nan] * len(frames)
-    for subject in labels.subjects:
-        met: list[tuple[int, Label | None]] = []
-        own = [labels.at(frame, subject) for frame in frames]
-        apart_s = seconds_from_change(own, seconds)
-        for frame, time_s, label, from_change_s in zip(frames, seconds, own, apart_s, strict=True):
-            known = zip(DISTANCES, distances.get((clip, frame, subject), (math.nan, math.nan)), strict=True)
-            numbers = {"time": time_s, "from_change": from_change_s, "frame": frame, **dict(known)}
-            for key, values in seen.items() if label else ():
-                values += [numbers[key]] if math.isfinite(numbers[key]) else []
-            is_met = label and all(each.holds(clip, subject, label, numbers) for each in conditions)
-            met.append((frame, label if is_met else None))
-        yield from ranges_of(subject, met)
+    own = [labels.at(frame, subject) for frame in frames]
+    apart_s = seconds_from_change(own, seconds)
+    for frame, time_s, label, from_change_s in zip(frames, seconds, own, apart_s, strict=True):
+        known = zip(DISTANCES, distances.get((clip, frame, subject), (math.nan, math.nan)), strict=True)
+        yield frame, label, {"time": time_s, "from_change": from_change_s, "frame": frame, **dict(known)}
+
+
+def _ranges(
+    clip: str, subject: str, numbered: Iterable[_Numbered], conditions: Sequence[Condition]
+) -> Iterator[LabelRange]:
+    """Yield the ranges of a subject's frames that meet all conditions."""
+    met: list[tuple[int, Label | None]] = []
+    for frame, label, numbers in numbered:
+        is_met = label and all(each.holds(clip, subject, label, numbers) for each in conditions)
+        met.append((frame, label if is_met else None))
+    yield from ranges_of(subject, met)
+
+
+def _known(labelled: Sequence[Mapping[str, float]], conditions: Sequence[Condition]) -> str:
+    """The end of a message: from where to where the numbers of the conditions go in labelled frames."""
+    keys = dict.fromkeys(condition.key for condition in conditions if condition.key in NUMBERS)
+    known = {key: [numbers[key] for numbers in labelled if math.isfinite(numbers[key])] for key in keys}
+    ends = {key: (round(min(values), 3), round(max(values), 3)) for key, values in known.items() if values}
+    return "".join(f"; {key} is {low} to {high}" for key, (low, high) in ends.items())
 
 
 def measured_distances(columns: Iterable[PairColumns], labels: Mapping[str, Labels]) -> Distances:
