@@ -80,7 +80,7 @@ class Comparison:
         """The result in words."""
         if not self.is_significant:
             return "cannot be told apart"
-        return "worse" if self.worse > self.better else "better"
+        return "worse" if self.difference < 0 else "better"
 
     @property
     def smallest_p(self) -> float:

@@ -43,6 +43,16 @@ def test_looks_are_the_units_of_few_clips() -> None:
     assert back.interval.low == pytest.approx(-found.interval.high, abs=0.02)
 
 
+def test_a_gain_of_many_seeds_in_few_frames_outweighs_a_loss_of_one_seed_in_more() -> None:
+    few = [replace(each, correct=np.full(20, 10), seeds=20) for each in _clips(*[[0, 0]] * 6)]
+    more = [replace(each, correct=np.where(each.frames < 5, 20, 9)) for each in few]
+    (found,) = compare({"few": few, "more": more})
+    assert (found.better, found.worse, found.difference) == (30, 90, pytest.approx(35 / 400))
+    assert (found.is_significant, found.verdict) == (True, "better")
+    (back,) = compare({"more": more, "few": few})
+    assert back.verdict == "worse"
+
+
 def test_clips_are_the_units_of_six() -> None:
     (found,) = compare({"a": _clips(*[[2, 5]] * 6), "b": _clips(*[[6, 6]] * 6)})
     assert (found.unit, found.looks, found.clips) == ("clip", 12, 6)
