@@ -26,6 +26,8 @@ LEAST_S = 2.0
 """Shortest duration of a unit in seconds, unless the subject's frames last less."""
 _LAGS_S = np.geomspace(0.04, 60, 32)
 """Times between verdicts, and ranges that are tried, in seconds."""
+_GAP = 1.5
+"""A longer step between two scored frames, in usual ones, is a gap: it ends a look."""
 
 
 def number_looks(truth: Codes, positions: Codes, frames_per_second: float | None, least_s: float = LEAST_S) -> Codes:
@@ -42,13 +44,17 @@ def number_looks(truth: Codes, positions: Codes, frames_per_second: float | None
     """
     if len(truth) == 0:
         return np.zeros(0, dtype=np.intp)
-    steps = np.diff(positions)
-    stride = float(np.median(steps)) if len(steps) else 1.0  # labels may be sparser than the clip's frames
-    begins = np.concatenate(([True], (np.diff(truth) != 0) | (steps > 1.5 * stride)))
+    stride = _stride(positions)
+    begins = np.concatenate(([True], (np.diff(truth) != 0) | (np.diff(positions) > _GAP * stride)))
     looks = np.cumsum(begins) - 1
     if frames_per_second is None:
         return looks
     return joined(np.bincount(looks).astype(np.float64) * stride / frames_per_second, least_s)[looks]
+
+
+def _stride(positions: Codes) -> float:
+    """The usual step from a scored frame to the next: labels may be sparser than the clip's frames."""
+    return float(np.median(np.diff(positions))) if len(positions) > 1 else 1.0
 
 
 def joined(lengths: Float, least: float) -> Codes:
@@ -173,13 +179,13 @@ class MatchCounts(NamedTuple):
 
 
 def find_events(codes: Codes, positions: Codes) -> list[Event]:
-    """Return the runs of one code over consecutive positions. Negative codes (no prediction) end a run and start none.
+    """Return the runs of one code without a gap. Negative codes (no prediction) end a run and start none.
 
-    ``positions`` (n,) ascend; a gap, such as frames that are not scored, ends a run too.
+    ``positions`` (n,) ascend; a gap, such as frames that are not scored, ends a run too: a step above the usual one.
     """
     if len(codes) == 0:
         return []
-    breaks = np.flatnonzero((np.diff(codes) != 0) | (np.diff(positions) != 1)) + 1
+    breaks = np.flatnonzero((np.diff(codes) != 0) | (np.diff(positions) > _GAP * _stride(positions))) + 1
     first = np.concatenate(([0], breaks))
     last = np.concatenate((breaks, [len(codes)])) - 1
     runs = zip(codes[first].tolist(), positions[first].tolist(), positions[last].tolist(), strict=True)

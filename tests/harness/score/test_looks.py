@@ -92,6 +92,13 @@ def test_frames_that_are_not_scored_end_a_run() -> None:
     assert len(find_events(_codes("AAAA"), np.array([0, 1, 5, 6], dtype=np.intp))) == 2
 
 
+def test_events_of_every_fifth_frame_are_those_of_all_frames() -> None:
+    every = np.arange(0, 30, 5, dtype=np.intp)
+    assert find_events(_codes("AAABBB"), every) == [Event(0, 0, 10), Event(1, 15, 25)]
+    assert len(find_events(_codes("AAABBB"), np.where(every > 20, every + 50, every))) == 3
+    assert count_events([(_codes("AAABBB"), _codes("AABBBB"), every)]) == MatchCounts(true=2, predicted=2, matched=2)
+
+
 def test_a_perfect_prediction_matches_every_event() -> None:
     assert _count("AABBA-", "AABBA-") == MatchCounts(true=4, predicted=4, matched=4)
 
