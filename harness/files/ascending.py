@@ -25,6 +25,9 @@ def numbers_per_second(frames: Sequence[int], rate_hz: float | None) -> float | 
 
     ``rate_hz`` is that of the frames, of which every Nth may be there. None: it is not known.
     """
-    if rate_hz is None or len(frames) < 2:
-        return rate_hz
-    return rate_hz * median(later - earlier for earlier, later in pairwise(frames))
+    return None if rate_hz is None else rate_hz * usual_step(frames)
+
+
+def usual_step(ascending: Sequence[int]) -> float:
+    """The median difference of two numbers that follow each other; 1 for a single number."""
+    return median([later - earlier for earlier, later in pairwise(ascending)] or [1])

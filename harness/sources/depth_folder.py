@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
+from harness.files.ascending import usual_step
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration_files.one_camera import read_one_camera
@@ -32,8 +33,8 @@ class DepthFolderSettings(Settings):
     ``stamps``: the numbers in the files' names are times, in this unit, and joined likewise.
     ``depth_scale`` is the number of counts per metre (if not given, integers are millimetres and floating point
     numbers metres; TUM RGB-D has 5000). The camera is a file (``calibration``) or numbers (``camera``);
-    ``rectified``: the images have no lens distortion. Without ``rate_hz``, times are those of the lists or names;
-    images without times are one second apart.
+    ``rectified``: the images have no lens distortion. ``rate_hz`` is how many numbers of frames a second has. Without
+    it, times are those of the lists or names; images without times are one second apart.
     """
 
     colour: str
@@ -96,8 +97,10 @@ class DepthFolderClip:
 
     @cached_property
     def rate_hz(self) -> float | None:
-        """The manifest's rate, else from the median step of the times, to 0.001 Hz."""
-        return self._settings.rate_hz or (rate_of(self._files.times_ns.values()) if self._files.times_ns else None)
+        """Frames per second: by the manifest's rate, else from the median step of the times, to 0.001 Hz."""
+        if self._settings.rate_hz:
+            return self._settings.rate_hz / usual_step(self.frames)
+        return rate_of(self._files.times_ns.values()) if self._files.times_ns else None
 
     def time_ns(self, number: int) -> int:
         """Time from lists or names, or the number over the rate (without these, or if the manifest gives a rate)."""

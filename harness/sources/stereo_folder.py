@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
+from harness.files.ascending import usual_step
 from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration import Calibration, check_first_size, first_size
 from harness.sources.calibration_files.read import Options, read_cameras
@@ -24,8 +25,9 @@ from vfoa.types import Image, StereoFrame
 class StereoFolderSettings(PairFiles, Options):
     """Files of the views, under the manifest's root, and their calibration: a file or four numbers.
 
-    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). Without
-    ``rate_hz``, times are those of the video or in the names; images without either are one second apart.
+    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). ``rate_hz``
+    is how many numbers of frames a second has. Without it, times are those of the video or in the names; images without
+    either are one second apart.
     """
 
     calibration: str | tuple[str, str] | None = None
@@ -72,8 +74,9 @@ class StereoFolderClip:
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._views = settings.views(folder)
         self.frames = self._views.frames
-        self.rate_hz = settings.rate_hz or self._views.rate_hz
-        """The manifest's rate, else that of the files."""
+        given_hz = settings.rate_hz and settings.rate_hz / usual_step(self.frames)
+        self.rate_hz = given_hz or self._views.rate_hz
+        """Frames per second: by the manifest's rate, else that of the files."""
         self._cameras = self._read_cameras(folder)
         self._rectifier: Rectifier | None = None
 
@@ -106,10 +109,10 @@ class StereoFolderClip:
         return self._views.films
 
     def time_ns(self, number: int) -> int:
-        """Time from the files, or the number over the rate (without times, or if the manifest gives a rate)."""
+        """Time from the files, or the number over the manifest's rate (without times, or if it gives a rate)."""
         check_number(number, self.frames, self._folder)
         stamp_ns = None if self._settings.rate_hz else self._views.time_ns(number)
-        return round(number * 1e9 / (self.rate_hz or 1.0)) if stamp_ns is None else stamp_ns
+        return round(number * 1e9 / (self._settings.rate_hz or 1.0)) if stamp_ns is None else stamp_ns
 
     def frame(self, number: int) -> StereoFrame:
         """Read one pair."""

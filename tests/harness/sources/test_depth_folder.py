@@ -36,6 +36,15 @@ def test_numbers_that_may_be_times_are_noted(tmp_path: Path) -> None:
     assert DepthFolderClip(settings.model_copy(update={"stamps": "us"}), tmp_path).notes == ()
 
 
+def test_every_tenth_picture_of_a_camera_has_a_tenth_of_its_rate(tmp_path: Path) -> None:
+    for n in (1000, 1010, 1020, 1040):
+        write_image(tmp_path / "rgb" / f"{n}.png", picture(n))
+        write_counts(tmp_path / "depth" / f"{n}.png", n)
+    settings = {"colour": "rgb", "depth": "depth", "camera": CAMERA, "rate_hz": 30}
+    clip = DepthFolderClip(DepthFolderSettings.model_validate(settings), tmp_path)
+    assert (clip.time_ns(1010) - clip.time_ns(1000), clip.rate_hz) == (333_333_334, 3.0)
+
+
 def metres(number: int) -> np.ndarray:
     """Depth in whole millimetres, with a corner without any."""
     depth = np.random.default_rng(number).integers(500, 4000, (HEIGHT, WIDTH)) / 1000

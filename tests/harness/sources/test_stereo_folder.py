@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from harness.clips.manifest import load_manifest
+from harness.files.ascending import numbers_per_second
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
 from tests.disk import HEIGHT, WIDTH, picture, stereo_pair_folder, write_image, write_text
 from vfoa.errors import VfoaError
@@ -65,6 +66,13 @@ def test_the_rate_gives_the_times(tmp_path: Path) -> None:
     settings = SETTINGS.model_copy(update={"rate_hz": 25.0})
     clip = StereoFolderClip(settings, stereo_pair_folder(tmp_path))
     assert (clip.rate_hz, clip.frame(3).time_ns) == (25.0, 120_000_000)
+
+
+def test_every_tenth_picture_of_a_camera_has_a_tenth_of_its_rate(tmp_path: Path) -> None:
+    settings = SETTINGS.model_copy(update={"rate_hz": 30.0})
+    clip = StereoFolderClip(settings, stereo_pair_folder(tmp_path, (1000, 1010, 1020, 1040)))
+    assert (clip.time_ns(1010) - clip.time_ns(1000), clip.rate_hz) == (333_333_334, 3.0)
+    assert numbers_per_second(clip.frames, clip.rate_hz) == 30.0
 
 
 @pytest.mark.parametrize(("side", "other"), [("left", "right"), ("right", "left")])
