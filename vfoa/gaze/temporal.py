@@ -34,7 +34,8 @@ class HeadWindow:
     rate_hz
         Frame rate of the clip; None if not known.
     step
-        Difference of the numbers of two frames that follow each other at this rate.
+        Usual difference of the numbers of two frames that follow each other at this rate. Numbers that are times
+        differ by a little more or less.
 
     Raises
     ------
@@ -44,13 +45,13 @@ class HeadWindow:
 
     def __init__(self, model: TemporalGazeModel, rate_hz: float | None, step: int = 1) -> None:
         self._model = model
-        self._stride = model.stride(rate_hz) * step
+        self._stride, self._jitter = model.stride(rate_hz) * step, step // 2
         self._seen: dict[int, _FrameHeads] = {}
 
     @property
     def look_ahead(self) -> int:
         """By how much the number of a read frame is larger than a frame's before its gazes are known."""
-        return REACH * self._stride
+        return REACH * self._stride + self._jitter
 
     def add(self, percepts: Percepts, tracks: Sequence[int | None]) -> None:
         """Add the next frame; its views hold the model's crops, and ``tracks`` the track of each (None: none)."""
@@ -69,15 +70,15 @@ class HeadWindow:
         )
 
     def _gaze(self, index: int, view: HeadView, track: int, rig: StereoRig) -> Gaze:
-        numbers = range(index - self.look_ahead, index + self.look_ahead + 1, self._stride)
-        crops = [self._crop(number, track) for number in numbers]
+        crops = [self._crop(index + place * self._stride, track) for place in range(-REACH, REACH + 1)]
         middle = crops[REACH]
         assert middle is not None, "a view without the crop that its model asks for"
         return self._model.estimate_sequence([middle if crop is None else crop for crop in crops], view.head, rig)
 
     def _crop(self, number: int, track: int) -> Image | None:
-        """Return the track's crop in a frame; None if it was not seen, or there is no such frame."""
-        seen = self._seen.get(number)
+        """Return the track's crop in the frame of about this number; None if it was not seen, or there is none."""
+        nearest = min(self._seen, key=lambda known: abs(known - number))
+        seen = self._seen[nearest] if abs(nearest - number) <= self._jitter else None
         return seen.views[seen.tracks.index(track)].crop if seen and track in seen.tracks else None
 
 

@@ -109,6 +109,17 @@ def test_where_the_head_was_not_found_the_frame_itself_is_repeated() -> None:
     assert [number for number, _ in found[5][0]] == [2, 5, 5, 5, 6, 7, 8]
 
 
+def test_frames_numbered_by_jittering_times_are_neighbours() -> None:
+    frames = dict.fromkeys((0, 33, 67, 100, 134, 166, 200, 233), (ANNA,))
+    found = shown(frames, 1, step=33)
+    assert [[number for number, _ in found[index][0]] for index in (100, 134)] == [
+        [0, 33, 67, 100, 134, 166, 200],
+        [33, 67, 100, 134, 166, 200, 233],
+    ]
+    del frames[166]
+    assert [number for number, _ in shown(frames, 1, step=33)[100][0]] == [0, 33, 67, 100, 134, 100, 200]
+
+
 def test_a_track_that_ended_gives_no_crops_to_the_one_that_begins() -> None:
     frames = dict.fromkeys(range(1, 9), (ANNA,)) | {3: (), 4: ()}
     found = shown(frames, 1, ttl=1)
