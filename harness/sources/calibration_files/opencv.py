@@ -14,7 +14,6 @@ from harness.sources.calibration import Calibration, ProjectionError, from_proje
 from harness.sources.calibration_files.documents import METRES, Document, numbers
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.rectification import (
-    MODELS,
     Cameras,
     ImageSize,
     Model,
@@ -81,6 +80,12 @@ _ROLES = {
 _NUMBERED = re.compile(rf"({'|'.join(name for names in _OF_A_CAMERA.values() for name in names)})([012])")
 """The plain name of a matrix with the number of its camera."""
 _XI = re.compile(r"(?:left|right)?(?:camera)?xi(?:[012lr]|left|right)?")
+_TRUTHS = {"true": True, "1": True, "false": False, "0": False}
+_KINDS_OF_LENSES = {
+    **dict.fromkeys(("fisheye", "equidistant", "kannala", "kb4"), True),
+    **dict.fromkeys(("pinhole", "plumb", "brown", "radtan", "rational"), False),
+}
+"""Parts of what people call a model of lenses, and whether it is that of cv2.fisheye; the first one counts."""
 _SIZES = {
     "width": ("width", "imagewidth", "imagesizewidth", "imgwidth", "framewidth", "resolutionwidth"),
     "height": ("height", "imageheight", "imagesizeheight", "imgheight", "frameheight", "resolutionheight"),
@@ -90,18 +95,20 @@ _SIZES = {
 
 
 def opencv_pair(
-    document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool, has_unit: bool
+    document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool | None, has_unit: bool
 ) -> Cameras:
     """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
 
     P1 and P2 without distortion, rotation or translation describe images that are rectified already. Of these four, a
     matrix of zeros was not computed, and does not count; nor does any matrix without numbers. Lengths are in metres; in
-    the file's own unit if ``has_unit`` (the user gives it) or the file does not say it.
+    the file's own unit if ``has_unit`` (the user gives it) or the file does not say it. ``fisheye`` is whether the
+    lenses are those of cv2.fisheye; None is what the file says.
 
     Raises
     ------
     VfoaError
-        If a matrix is missing, occurs under two names, or has a wrong shape.
+        If a matrix is missing, occurs under two names, or has a wrong shape, or nothing says whether four coefficients
+        are of cv2.fisheye.
     """
     cameras = _pair(document, size, where, rectified=rectified, fisheye=fisheye)
     return cameras if has_unit else in_metres(cameras, _unit_m(document, cameras, where))
@@ -138,7 +145,7 @@ def _stated_unit_m(name: str) -> float | None:
     return next(of_baselines, _WITH_UNIT.get(plain))
 
 
-def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool) -> Cameras:
+def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool | None) -> Cameras:
     """The pair of :func:`opencv_pair` in the file's own unit."""
     document = _numbered_from_1(dict(_one_level(document)), where)
     _check_model(document, where)
@@ -152,9 +159,12 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
     if matrices.keys() >= {"P1", "P2"} and (rectified or not unrectified):
         left, right = (_of_shape(matrices, f"P{number}", where) for number in "12")
         return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
-    model: Model = "equidistant" if fisheye or says_fisheye(document) else "plumb_bob"
+    is_fisheye = says_fisheye(document) if fisheye is None else fisheye
+    model: Model = "equidistant" if is_fisheye else "plumb_bob"
     is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in _WAYS)
     if is_rectifying or is_posed:
+        if is_fisheye is None:
+            _check_lenses_are_told(document, where)
         size_px = size_px or size()
         first, second = (
             RawCamera(
@@ -234,6 +244,20 @@ def _check_model(document: Document, where: str) -> None:
             f"{where}: {name}: found a camera of cv2.omnidir, whose model is not read; expected one of "
             "cv2.stereoCalibrate or cv2.fisheye: calibrate again with one of these"
         )
+
+
+def _check_lenses_are_told(document: Document, where: str) -> None:
+    """Raise a :class:`VfoaError` for a column of four coefficients, which cv2.fisheye returns.
+
+    cv2.stereoCalibrate returns five or more. Four in a row or in a list are mostly k1, k2, p1, p2, which people and
+    other programs write.
+    """
+    for name, value in document.items():
+        if _role(name) in ("D1", "D2") and np.shape(value) == (4, 1) and np.any(value):
+            raise VfoaError(
+                f"{where}: {name}: found a column of 4 coefficients, as cv2.fisheye returns it, and nothing that names "
+                "the lens; expected fisheye = true in [source], or fisheye = false if they are k1, k2, p1, p2"
+            )
 
 
 def _is_of_one_camera(name: str) -> bool:
@@ -333,16 +357,21 @@ def image_size(document: Document, matrix: Float | None, where: str) -> tuple[in
     return (int(width), int(height)) if width > 0 and height > 0 else None
 
 
-def says_fisheye(document: Document) -> bool:
+def says_fisheye(document: Document) -> bool | None:
     """Whether a value such as ``fisheye: true`` or ``camera_model: fisheye`` says so, which people add.
 
-    ``fisheye_model: 1`` is of OpenCV's own program.
+    None: nothing names the lens. ``fisheye_model: 1`` is of OpenCV's own program.
     """
-    plain = _by_plain_name(document)
-    models = [str(plain.get(name)) for name in ("model", "cameramodel", "distortionmodel")]
-    return any(str(plain.get(name)).lower() in ("true", "1") for name in ("fisheye", "fisheyemodel")) or any(
-        MODELS.get(name) == "equidistant" for name in models
-    )
+    said = {_says_fisheye(_plain(name), str(value).lower()) for name, value in document.items()}
+    return None if said <= {None} else True in said
+
+
+def _says_fisheye(name: str, value: str) -> bool | None:
+    if "fisheye" in name and value in _TRUTHS:
+        return _TRUTHS[value]
+    if not name.endswith(("model", "type")):
+        return None
+    return next((is_fisheye for kind, is_fisheye in _KINDS_OF_LENSES.items() if kind in value), None)
 
 
 def _is_shape(first: float, second: float, matrix: Float | None) -> bool:

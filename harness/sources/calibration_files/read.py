@@ -46,14 +46,15 @@ class Options(Settings):
     ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr,
     Basalt and VINS-Fusion. ``calibration_unit`` is that of the translation; by default metres, or what the file says
     (MATLAB's ``WorldUnits``, ``baseline_mm`` beside OpenCV's matrices). ``fisheye``: OpenCV's matrices are of
-    ``cv2.fisheye``. ``rectified``: the images are rectified already, although the file also says how to rectify.
-    ``baseline_m``: the distance of the two cameras, which replaces the file's or completes a file without one.
+    ``cv2.fisheye`` (or, false, are not); by default what the file says. ``rectified``: the images are rectified
+    already, although the file also says how to rectify. ``baseline_m``: the distance of the two cameras, which replaces
+    the file's or completes a file without one.
     """
 
     calibration_cameras: tuple[int, int] | None = None
     calibration_unit: Unit = "m"
     baseline_m: float | None = Field(default=None, gt=0)
-    fisheye: bool = False
+    fisheye: bool | None = None
     rectified: bool = False
 
 

@@ -71,11 +71,46 @@ def test_a_matrix_without_numbers_is_not_set(tmp_path: Path) -> None:
         read_raw([path])
 
 
-@pytest.mark.parametrize("said", [{"fisheye": True}, {"camera_model": "fisheye"}, {"distortion_model": "equidistant"}])
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"fisheye": True},
+        {"use_fisheye": True},
+        {"camera_model": "fisheye"},
+        {"distortion_model": "equidistant"},
+        {"opencv_model": "cv2.fisheye / Kannala-Brandt 4"},
+        {"left": {"camera_type": "Pinhole Fisheye"}},
+    ],
+)
 def test_a_file_that_says_so_is_of_fisheye_lenses(tmp_path: Path, said: dict[str, Any]) -> None:
     values = {name: value.tolist() for name, value in opencv_nodes(FISHEYE).items()}
     cameras = read_raw([write_text(tmp_path / "c.json", json.dumps({**values, **said}))])
     assert_rows_match_and_depths_come_back(cameras, FISHEYE, points_ahead(3))
+
+
+@pytest.mark.parametrize("is_archive", [False, True])
+def test_a_column_of_four_coefficients_is_not_taken_for_granted(tmp_path: Path, *, is_archive: bool) -> None:
+    """cv2.fisheye returns it, and scripts save it without a word; cv2.stereoCalibrate returns five coefficients."""
+    columns = {name: value.T if name[0] == "D" else value for name, value in opencv_nodes(FISHEYE).items()}
+    lists = {name: value.tolist() for name, value in columns.items()}
+    path = tmp_path / ("c.npz" if is_archive else "c.json")
+
+    def write(**said: Any) -> None:
+        np.savez(path, **columns, **said) if is_archive else write_text(path, json.dumps(lists | said))
+
+    write()
+    with pytest.raises(VfoaError, match=r"D1: found a column of 4 .*fisheye = true in \[source\], or fisheye = false"):
+        read_raw([path])
+    assert_rows_match_and_depths_come_back(read_raw([path], Options(fisheye=True)), FISHEYE, points_ahead(3))
+    assert read_raw([path], Options(fisheye=False)).left.model == "plumb_bob"
+    for said, model in (({"model": "pinhole"}, "plumb_bob"), ({"is_fisheye": True}, "equidistant")):
+        write(**said)
+        assert read_raw([path]).left.model == model
+
+
+def test_a_column_without_distortion_is_of_no_fisheye_lens(tmp_path: Path) -> None:
+    zeros = {"D1": np.zeros((4, 1)), "D2": np.zeros((4, 1))}
+    assert read_raw([write_opencv(tmp_path / "c.yml", opencv_nodes(RIG) | zeros, SIZE)]).left.model == "plumb_bob"
 
 
 def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
