@@ -280,7 +280,7 @@ class JournaledStore(ABC, Generic[Content]):
         if self._journal is not None:
             self._journal.append({**entry, "time_s": self._journal.next_time_s()})
         self.apply(entry)
-        self._written, self._digest = content, self._file_digest()
+        self._written, self._digest = self.content(), self._file_digest()  # the same labels, in fewer rows
 
     def _read(self) -> Content:
         return self.read(self.path if self.path.is_file() else self._origin)

@@ -218,6 +218,16 @@ def test_the_id_of_a_change_is_known_also_after_a_restart(store: LabelStore) -> 
     assert _again(store).requests == {"a"}
 
 
+def test_who_only_looks_at_labels_leaves_their_file_as_it_is(tmp_path: Path) -> None:
+    """Equal rows beside each other, as a script writes them, are one range in the store."""
+    text = labels_text("1,1,ann,cup,", "2,2,ann,cup,")
+    path = write_text(tmp_path / "annotations" / "clip.csv", text)
+    store = _open(tmp_path)
+    store.see("ann", 3)
+    _again(store).see("ann", 4)
+    assert path.read_text() == text
+
+
 def test_seeing_frames_makes_no_other_tab_stale(store: LabelStore) -> None:
     _look(store, 0, "cup")
     revision = store.revision
