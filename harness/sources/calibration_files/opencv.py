@@ -26,9 +26,12 @@ from vfoa.errors import VfoaError, listed
 from vfoa.types import Float
 
 _OF_A_CAMERA = {
-    "K": ("k", "m", "mtx", "cm", "cameramatrix", "cameramat", "intrinsic", "intrinsics", "intrinsicmatrix"),
+    "K": (
+        *("k", "m", "mtx", "mat", "cm", "matrix", "cameramatrix", "cameramat", "cammatrix", "cammat", "cammtx"),
+        *("intrinsic", "intrinsics", "intrinsicmatrix"),
+    ),
     "D": (
-        *("d", "dist", "distcoef", "distcoefs", "distcoeff", "distcoeffs"),
+        *("d", "dist", "distcoef", "distcoefs", "distcoeff", "distcoeffs", "distcoefficient", "distcoefficients"),
         *("distortion", "distortioncoeffs", "distortioncoefficients", "distortionparams"),
     ),
     "R": ("r", "rect", "rectification", "rectificationmatrix"),
@@ -38,7 +41,10 @@ _OF_THE_PAIR = {
     "R": ("r", "rot", "rotation", "rotationmatrix", "rotationmat", "rotationofcamera2"),
     "T": ("t", "trans", "translation", "translationvector", "translationvec", "translationofcamera2"),
 }
-_TABLES_OF_THE_PAIR = ("", "stereo", "extrinsic", "extrinsics")
+_TABLES_OF_THE_PAIR = (
+    *("", "stereo", "extrinsic", "extrinsics"),
+    *("stereoparams", "stereocalibration", "stereoextrinsic", "stereoextrinsics"),
+)
 """Where R and T are in a file with a table for each camera; "" is beside them."""
 _WITH_UNIT = {
     f"{table}{name}{unit}": unit_m
@@ -63,6 +69,7 @@ _WAYS = _RECTIFICATION, ("R", "T")
 
 _ROLES = {
     **{f"{table}{name}": role for role in "RT" for name in _OF_THE_PAIR[role] for table in _TABLES_OF_THE_PAIR},
+    **{f"{name}stereo": role for role in "RT" for name in _OF_THE_PAIR[role]},
     **dict.fromkeys(_WITH_UNIT, "T"),
 } | {
     spelling: f"{role}{sides[0]}"
@@ -74,9 +81,11 @@ _ROLES = {
         *(f"{side}{name}" for side in (sides[2], f"{sides[2]}camera", f"camera{sides[2]}")),
     )
 }
-"""The role of each lower-case name without underscores: ``cameramatrixleft`` is K1. Names of camera 2 are MATLAB's."""
+"""The role of each plain name: ``cameramatrixleft`` is K1. Names of camera 2 are MATLAB's."""
 
 
+_NUMBERED_TABLE = re.compile(r"(?:cam|camera)([012])")
+"""The plain name of a table of a camera."""
 _NUMBERED = re.compile(rf"({'|'.join(name for names in _OF_A_CAMERA.values() for name in names)})([012])")
 """The plain name of a matrix with the number of its camera."""
 _XI = re.compile(r"(?:left|right)?(?:camera)?xi(?:[012lr]|left|right)?")
@@ -87,11 +96,12 @@ _KINDS_OF_LENSES = {
 }
 """Parts of what people call a model of lenses, and whether it is that of cv2.fisheye; the first one counts."""
 _SIZES = {
-    "width": ("width", "imagewidth", "imagesizewidth", "imgwidth", "framewidth", "resolutionwidth"),
-    "height": ("height", "imageheight", "imagesizeheight", "imgheight", "frameheight", "resolutionheight"),
+    "width": ("width", "imagewidth", "imagesizewidth", "imgwidth", "imgw", "framewidth", "resolutionwidth"),
+    "height": ("height", "imageheight", "imagesizeheight", "imgheight", "imgh", "frameheight", "resolutionheight"),
     "both": ("imagesize", "imgsize", "size", "imageshape", "imgshape", "framesize", "resolution", "imageresolution"),
 }
-"""Plain names of the size of the images."""
+"""Plain names of the size of the images, without the part that says of which camera, or in which unit, it is."""
+_BESIDE_SIZE = re.compile(r"^(?:(?:left|right)(?:camera)?|camera(?:left|right))|(?:px)?(?:left|right|[lr012])?$")
 
 
 def opencv_pair(
@@ -110,6 +120,7 @@ def opencv_pair(
         If a matrix is missing, occurs under two names, or has a wrong shape, or nothing says whether four coefficients
         are of cv2.fisheye.
     """
+    document = _with_pair_table(document)
     cameras = _pair(document, size, where, rectified=rectified, fisheye=fisheye)
     return cameras if has_unit else in_metres(cameras, _unit_m(document, cameras, where))
 
@@ -267,8 +278,17 @@ def _is_of_one_camera(name: str) -> bool:
 
 def rectifies(document: Document) -> bool:
     """Whether a document has K and D of both cameras, and how they stand or how images are rectified."""
-    roles = {_role(name) for name in document}
+    roles = {_role(name) for name, _ in _one_level(document)}
     return any(roles >= {*_LENSES, *names} for names in _WAYS)
+
+
+def _with_pair_table(document: Document) -> Document:
+    """The values of a document and of its only table with a pair: ``{"stereo_calibration": {"K1": ...}}``."""
+    tables = {name: value for name, value in document.items() if isinstance(value, Mapping) and rectifies(value)}
+    if len(tables) != 1 or rectifies(document):
+        return document
+    ((_, table),) = tables.items()
+    return {**{name: value for name, value in document.items() if name not in tables}, **table}
 
 
 def is_distortion(name: object) -> bool:
@@ -299,15 +319,22 @@ def _role(name: object) -> str | None:
 
 
 def _plain(name: object) -> str:
-    """A name in lower case, without underscores."""
-    return str(name).lower().replace("_", "")
+    """A name in lower case, without underscores and hyphens."""
+    return str(name).lower().replace("_", "").replace("-", "")
 
 
 def _one_level(document: Document) -> Iterator[tuple[str, Any]]:
-    """The values by name, those of a table by both names: ``{"left": {"K": ...}}`` is ``left_K``."""
+    """The values by name, those of a table by both names: ``{"left": {"K": ...}}`` is ``left_K``.
+
+    Tables of two cameras by their numbers are numbered from 1: ``{"cam0": {"K": ...}, "cam1": ...}`` has ``K1``.
+    """
+    numbered = {name: int(match[1]) for name in document if (match := _NUMBERED_TABLE.fullmatch(_plain(name)))}
+    from_1 = {name: number - min(numbered.values()) + 1 for name, number in numbered.items()}
+    is_pair = {*from_1.values()} == {1, 2}
     for name, value in document.items():
         if isinstance(value, Mapping) and "data" not in value and _role(name) is None:
-            yield from ((f"{name}_{inner}", below) for inner, below in value.items())
+            for inner, below in value.items():
+                yield f"{inner}{from_1[name]}" if is_pair and name in from_1 else f"{name}_{inner}", below
         else:
             yield str(name), value
 
@@ -333,21 +360,21 @@ def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:
     return matrix.reshape(shape)
 
 
-def _by_plain_name(document: Document) -> dict[str, Any]:
-    return {_plain(name): value for name, value in document.items()}
-
-
 def image_size(document: Document, matrix: Float | None, where: str) -> tuple[int, int] | None:
     """The (width, height) of the images of a calibration; None if the file does not say it.
 
     ``matrix``, K or P of a camera, tells whether rows or columns are first.
     """
-    plain = _by_plain_name(dict(_one_level(document)))
+    of_names = [(_plain(name), _BESIDE_SIZE.sub("", _plain(name)), value) for name, value in _one_level(document)]
+    of_names.sort(key=lambda of_name: of_name[0] == of_name[1])  # that of one camera counts if there is no other
+    plain = {name: value for _, name, value in of_names}
     found = {role: [plain[name] for name in names if name in plain] for role, names in _SIZES.items()}
     named = [found["width"][0], found["height"][0]] if found["width"] and found["height"] else None
     values = named or next(iter(found["both"]), None)
     if values is None:
         return None
+    if isinstance(values, Mapping):
+        return image_size(values, matrix, where)
     values = re.findall(r"[0-9]+", values) if isinstance(values, str) else values  # 640x480
     if (given := numbers(values, f"{where}: image size")).size not in (2, 3):  # NumPy's shape has the channels, too
         raise VfoaError(f"{where}: image size: found {given.tolist()}; expected width and height")

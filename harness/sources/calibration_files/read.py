@@ -147,7 +147,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
                 )
             return program, read_pair(contents[0], contents[1], (str(paths[0]), str(paths[1])))
     merged = {name: value for document in contents for name, value in document.items()}
-    if (chain := documents.kalibr_chain(merged)) is not None:
+    if (chain := documents.kalibr_chain(merged)) is not None and not opencv.rectifies(merged):
         return "Kalibr", documents.kalibr_pair(chain, options.calibration_cameras or (0, 1), where)
     if basalt.is_basalt(merged):
         return basalt.PROGRAM, basalt.basalt_pair(merged, options.calibration_cameras or (0, 1), where)

@@ -33,6 +33,11 @@ from vfoa.errors import VfoaError
         {"imageSizeWidth": 1280, "imageSizeHeight": 720},
         {"resolution": "1280x720"},
         {"image_shape": [720, 1280, 3]},
+        {"img_w": 1280, "img_h": 720},
+        {"img_size_px": [1280, 720]},
+        {"sizel": [1280, 720], "sizer": [1280, 720]},
+        {"left": {"width": 1280, "height": 720}, "right": {"width": 1280, "height": 720}},
+        {"camera1": {"image_size": {"width": 1280, "height": 720}}, "camera2": {}},
     ],
 )
 def test_the_size_that_a_file_says_is_that_of_its_calibration(tmp_path: Path, size: dict[str, Any]) -> None:
@@ -40,6 +45,54 @@ def test_the_size_that_a_file_says_is_that_of_its_calibration(tmp_path: Path, si
     lists = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
     path = write_text(tmp_path / "c.json", json.dumps(lists | size))
     assert read_raw([path]).left.size_px == SIZE
+
+
+LISTS = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+_POSE = {"R": LISTS["R"], "T": LISTS["T"]}
+
+
+def _of_cameras(*names: str, of_matrix: str = "K", of_lens: str = "dist", **more: Any) -> dict[str, Any]:
+    """A table for each camera."""
+    return {
+        name: {of_matrix: LISTS[f"K{number}"], of_lens: LISTS[f"D{number}"], **more}
+        for number, name in enumerate(names, start=1)
+    }
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        {**_of_cameras("cam0", "cam1", of_matrix="mtx"), "stereo": {**_POSE, "E": LISTS["R"], "F": LISTS["R"]}},
+        {**_of_cameras("CAM_1", "CAM_2"), **_POSE},
+        {**_of_cameras("camera1", "camera2", of_matrix="camera_matrix", of_lens="distortion"), "extrinsics": _POSE},
+        {
+            **_of_cameras("left_camera", "right_camera", of_matrix="matrix", of_lens="distortion"),
+            "stereo_params": {"rotation_matrix": LISTS["R"], "translation_vector": LISTS["T"]},
+        },
+        {"date": "2026-05-01", "stereo_calibration": {**_of_cameras("left", "right"), **_POSE}},
+        {"calibration": LISTS},
+        {
+            **{name: LISTS[name] for name in ("K1", "D1", "K2", "D2")},
+            "R_stereo": LISTS["R"],
+            "T_stereo": LISTS["T"],
+            "baseline": 0.1199,
+        },
+        {
+            **{f"intrinsics-{n}": LISTS[f"K{n}"] for n in (1, 2)},
+            **{f"DistCoefficient-{n}": LISTS[f"D{n}"] for n in (1, 2)},
+            **_POSE,
+        },
+    ],
+)
+def test_names_and_tables_of_people_s_scripts(tmp_path: Path, document: dict[str, Any]) -> None:
+    path = write_text(tmp_path / "c.json", json.dumps(document))
+    assert_rows_match_and_depths_come_back(read_raw([path]), RIG, points_ahead(4))
+
+
+def test_tables_of_three_cameras_are_no_pair(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "c.json", json.dumps({**_of_cameras("camera1", "camera2"), "camera0": {}, **_POSE}))
+    with pytest.raises(VfoaError, match=r"found R, T \(and, not known, camera1_K"):
+        read_raw([path])
 
 
 def test_cameras_0_and_1_are_a_pair(tmp_path: Path) -> None:
