@@ -258,6 +258,7 @@ PARSERS: Sequence[Parser] = (
     Parser("OpenCV calibration", "stereo.yml", _OPENCV, _cameras),
     Parser("OpenCV XML calibration", "stereo.xml", _OPENCV, _cameras),
     Parser("OpenCV JSON calibration", "stereo.json", _OPENCV, _cameras),
+    Parser("calibration of yaml.dump", "stereo.yaml", whole.python_calibration, _cameras),
     Parser("NumPy calibration", "stereo.npz", whole.numpy_calibration, _cameras),
     Parser(
         "OpenCV intrinsics",

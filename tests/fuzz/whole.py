@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import PIL.Image
+import yaml
 from rosbags.typesys import Stores, get_typestore
 
 from harness.labels.formats import FORMATS
@@ -250,6 +251,10 @@ def opencv(*names: str, rectified: bool = False) -> Write:
 
 def numpy_calibration(path: Path) -> None:
     np.savez(path, image_size=SIZE, **_NODES)  # type: ignore[arg-type]
+
+
+def python_calibration(path: Path) -> None:
+    path.write_text(yaml.dump({**_NODES, "image_size": SIZE, "rms": np.float64(0.3)}), encoding="utf-8")
 
 
 def ros(side: int) -> Write:

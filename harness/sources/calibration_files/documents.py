@@ -141,6 +141,39 @@ for _kind in _MATRICES:
     _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _matrix)
 
 
+def _python_value(loader: _Loader, kind: str, node: yaml.Node) -> Any:
+    """What ``yaml.dump`` writes of a tuple, an array or a number of NumPy; nothing is imported or run.
+
+    Any other object is a text, so that it is refused only if its value is needed.
+    """
+    parts: Any
+    try:
+        match node:
+            case yaml.SequenceNode():
+                parts = loader.construct_sequence(node, deep=True)
+            case yaml.MappingNode():
+                parts = loader.construct_mapping(node, deep=True)
+            case _:
+                return kind
+        if kind.endswith("multiarray.scalar"):
+            return _numpy_values(*parts)
+        if kind.endswith("multiarray._reconstruct"):
+            _, shape, type_, is_by_columns, data = parts["state"]
+            return _numpy_values(type_, data).reshape(shape, order="F" if is_by_columns else "C")
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return _OF_PYTHON
+    return parts if kind in ("tuple", "object/apply:numpy.dtype") else _OF_PYTHON
+
+
+def _numpy_values(type_: Mapping[str, Any], data: bytes) -> Float:
+    """The numbers in ``data``; ``type_`` has the name of their type, such as f8, and the order of their bytes."""
+    return np.frombuffer(data, np.dtype(f"{type_['state'][1]}{type_['args'][0]}")).astype(np.float64)
+
+
+_OF_PYTHON = "an object of Python"
+_Loader.add_multi_constructor("tag:yaml.org,2002:python/", _python_value)
+
+
 def _read_xml(path: Path) -> dict[str, Any]:
     root = parse_xml(read_bytes(path), path)
     try:

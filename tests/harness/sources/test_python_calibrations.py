@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from scipy.io import savemat
 
 from harness.sources.calibration_files.python_files import SAVE
@@ -53,6 +54,11 @@ def _json(document: Any) -> Callable[[Path], object]:
     return lambda path: write_text(path, json.dumps(document))
 
 
+def _yaml(document: Any) -> Callable[[Path], object]:
+    """As scripts write it, with values of Python."""
+    return lambda path: write_text(path, yaml.dump(document))
+
+
 def _npz(**arrays: Any) -> Callable[[Path], object]:
     return lambda path: np.savez(path, **arrays)
 
@@ -73,6 +79,11 @@ WRITERS: dict[str, tuple[str, Callable[[Path], object]]] = {
         _json({**IN_TABLES, "extrinsics": {"rotation_matrix": LISTS["R"], "translation_vector": LISTS["T"]}}),
     ),
     "rotation vector in JSON": ("c.json", _json({**LISTS, "R": RIG.rotation_vector.tolist()})),
+    "arrays in YAML": ("c.yaml", _yaml({**NODES, "R": np.asfortranarray(NODES["R"]), "T": NODES["T"].astype(">f8")})),
+    "tuples and numbers of NumPy in YAML": (
+        "c.yaml",
+        _yaml({**LISTS, "image_size": SIZE, "rms": np.float64(0.3), "baseline_m": np.float32(0.12), "when": Path("a")}),
+    ),
 }
 
 
@@ -133,7 +144,8 @@ def test_a_pickle_is_not_run(tmp_path: Path) -> None:
     trap = _Trap(tmp_path / "was run")
     write_bytes(tmp_path / "a.pkl", pickle.dumps(trap))
     np.savez(tmp_path / "b.npz", K1=np.array(trap, object))
-    for name in ("a.pkl", "b.npz"):
+    write_text(tmp_path / "c.yaml", yaml.dump({**NODES, "K1": trap}))
+    for name in ("a.pkl", "b.npz", "c.yaml"):
         with pytest.raises(VfoaError):
             read_cameras([tmp_path / name], _size)
     assert not (tmp_path / "was run").exists()
@@ -156,6 +168,7 @@ def test_what_is_advised_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyP
         ("stereo.npz", lambda path: write_bytes(path, b"PK damaged"), "not a .npz file"),
         ("rig.npz", _npz(K1=NODES["K1"], D1=NODES["D1"]), "found D1, K1; expected"),
         ("a.json", _json({**LISTS, "T": [0.1, 0, 0]}), "expected a positive one"),
+        ("a.yaml", _yaml({**NODES, "T": Path("a")}), "T: found 'an object of Python'; expected numbers"),
     ],
 )
 def test_a_faulty_calibration_beside_images_is_named(
