@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from harness.cli.serving import browse
-from harness.cli.terminal import say
+from harness.cli.terminal import say, say_relabelled
 from harness.run.grid import is_meant
 from vfoa.errors import VfoaError, counted, did_you_mean
 
@@ -52,6 +52,7 @@ def step_through(run: Path, chosen: Chosen) -> None:
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 
+    say_relabelled(run, chosen.clip)
     say(KEYS)
     place: int | None = 0
     while place is not None:
@@ -142,6 +143,7 @@ def browse_failures(run: Path, chosen: Chosen) -> None:
 
     directory = RunDirectory(run)
     recorded = _recorded(run, chosen)
+    say_relabelled(run, chosen.clip)
 
     def wrong() -> list[Verdict]:
         return wrong_verdicts(read_scores(directory, chosen.where), chosen)

@@ -32,6 +32,7 @@ from harness.cli.terminal import (
     print_reports,
     print_scores,
     say,
+    say_relabelled,
     say_unknown_names,
     verdict_of_run,
 )
@@ -132,6 +133,8 @@ def _serve_report(directory: RunDirectory, where: str, port: int, *, no_open: bo
     from harness.report.write import report_page
 
     recordings = served_recordings(directory.path)
+    if recordings:
+        say_relabelled(directory.path)
     page = partial(report_page, directory, {pair: recording.name for pair, recording in recordings.items()})
     page(where)  # so that an error in the run is reported here, and not in the browser
     more = correction_routes(directory)

@@ -18,6 +18,7 @@ import typer
 
 from harness.files.safe_names import shown
 from harness.processes import interrupt
+from vfoa.errors import listed
 
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn, TaskID
@@ -193,6 +194,22 @@ def say_unknown_names(scores: Scores) -> None:
                 "as wrong; run it again",
                 err=True,
             )
+
+
+def say_relabelled(run: Path, clip: str | None = None) -> None:
+    """Print which labels (of ``clip``) have changed since the recordings of a finished run got their verdicts."""
+    from harness.run.directory import RunDirectory
+    from harness.score.finished_run import FinishedRun
+
+    directory = RunDirectory(run)
+    if run.is_file() or not directory.read_manifest().finished:
+        return
+    if clips := [name for name in FinishedRun.read(directory).relabelled() if clip in (None, name)]:
+        say(
+            f"vfoa: {listed(clips)}: labels have changed since the run was scored, and recordings show those of then; "
+            f"`{vfoa_command('score', run)}` updates them",
+            err=True,
+        )
 
 
 def say_forwarding(port: int) -> None:

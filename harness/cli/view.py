@@ -21,7 +21,7 @@ from harness.cli.options import (
     run_directories,
     run_folder,
 )
-from harness.cli.terminal import ended_by_signals, say, say_forwarding, signals_as_ctrl_c, vfoa_command
+from harness.cli.terminal import ended_by_signals, say, say_forwarding, say_relabelled, signals_as_ctrl_c, vfoa_command
 from vfoa.errors import VfoaError, did_you_mean, listed
 
 if TYPE_CHECKING:
@@ -96,6 +96,7 @@ def view(
         first.expect_frame(frame)
     if folder.is_file():
         _say_whole(folder)
+    say_relabelled(folder, clip)
     if screenshot is not None:
         with signals_as_ctrl_c():
             viewer.screenshot(first, frame, screenshot)
@@ -210,7 +211,8 @@ def export_failure(
     from harness.record.composed import find_clips
     from harness.record.excerpt import write_excerpt
 
-    first, *others = find_clips(run_folder(run), clip, config)
+    folder = run_folder(run)
+    first, *others = find_clips(folder, clip, config)
     pairs = [
         f"{recorded.files.clip}, {layers.configuration}" for recorded in (first, *others) for layers in recorded.layers
     ]
@@ -220,5 +222,6 @@ def export_failure(
     recording = first.compose()
     excerpt = out or Path(f"{recording.name}__{frame}.rrd")
     check_new(excerpt, replace=replace or out is None, hint=", or another --out", inputs=recording.files)
+    say_relabelled(folder, clip)
     write_excerpt(first, subject, frame, margin, excerpt)
     say(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")

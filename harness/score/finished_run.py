@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -196,6 +197,19 @@ class FinishedRun:
             yield from _name_notes(clip, manifest)
             if is_relabelled and compare_content:
                 yield from _content_notes(clip, manifest, self.directory.noted_inputs)
+
+    def relabelled(self) -> list[str]:
+        """The clips whose labels have changed since the tables and the verdicts of the recordings were written.
+
+        A clip that is not on this machine is none of them.
+        """
+        annotator, written, found = self.manifest.scored_annotator, self.manifest.labels_sha256, list[str]()
+        for clip in self.manifest.clips:
+            with suppress(VfoaError):
+                now = manifest_of_run(clip.manifest, clip.name, annotator).annotations.digest(annotator)
+                if now not in (None, written.get(clip.name)):
+                    found.append(clip.name)
+        return found
 
     def note_labels(self) -> None:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""

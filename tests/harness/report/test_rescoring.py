@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from harness.cli.terminal import say_relabelled
 from harness.report.write import rescore
 from harness.run import table_columns, table_files
 from harness.run.directory import RunDirectory
@@ -85,6 +86,25 @@ def test_another_record_and_another_label_change_the_tables_and_back_again(run: 
         tables_of.append(_written(run)["frr.csv"])
     assert len({*tables_of}) == 4
     assert all(_written(run)[name] == before[name] for name in ("frr.csv", "comparisons.csv", "measures.csv"))
+
+
+def test_labels_that_changed_after_the_recordings_got_their_verdicts_are_said(
+    run: RunDirectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def said(clip: str | None = None) -> str:
+        say_relabelled(run.path, clip)
+        return capsys.readouterr().err
+
+    assert said() == ""
+    large_run.write_labels(tmp_path, FRAMES, 2, 1)
+    assert f"vfoa score {run.path}" in said()
+    assert said("large").startswith("vfoa: large: ")
+    assert said("other") == ""
+    rescore(run)
+    assert said() == ""
+    large_run.write_labels(tmp_path, FRAMES, 2, 0)
+    (tmp_path / "datasets" / "large.toml").unlink()
+    assert said() == ""  # the run was copied to a machine without its clip
 
 
 def test_scoring_reads_the_manifest_and_every_table_once(run: RunDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
