@@ -156,7 +156,7 @@ class RunResults:
         """
         return _frame_of(read_timings(self.directory))
 
-    def attend(self, changes: Mapping[str, Any], configurations: Collection[str] = ()) -> pd.DataFrame:
+    def attend(self, changes: Mapping[str, Any], configurations: str | Collection[str] = ()) -> pd.DataFrame:
         """Return the answers under other settings, from what the run has perceived: no image is read.
 
         ``run.attend({"attention.cones_cm": [10.0]})`` has the columns of :attr:`answers`. The run is not changed.
@@ -167,7 +167,7 @@ class RunResults:
             Settings of the tables ``attention`` and ``gaze_filter`` by dotted key. Another ``attention.method`` has the
             defaults of its other settings.
         configurations
-            Names of those to change; default: all.
+            Names of those to change, or the name of one; default: all.
 
         Raises
         ------
@@ -179,9 +179,8 @@ class RunResults:
 
         from harness.run.attend import attend_again
 
-        parts = [
-            make_table("answers", keys, rows) for keys, rows in attend_again(self.directory, changes, configurations)
-        ]
+        chosen = (configurations,) if isinstance(configurations, str) else configurations
+        parts = [make_table("answers", keys, rows) for keys, rows in attend_again(self.directory, changes, chosen)]
         return _frame_of(pa.concat_tables(parts))
 
     @property

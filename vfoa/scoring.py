@@ -31,6 +31,8 @@ BRIER_WITHOUT_ANSWER = 1.0
 """Brier's score of a frame without an answer: it has no probability anywhere."""
 BINS = 10
 """Bins of the expected calibration error."""
+_EMPTY_AS_TEXT = frozenset({"None", "nan", "NaN", "NaT", "<NA>"})
+"""What empty cells are after ``astype(str)``: as names, those of truth and answers would be equal."""
 _TOLERANCE = 1e-6
 
 
@@ -92,10 +94,10 @@ def score(
     Raises
     ------
     VfoaError
-        If lengths differ, no frame counts, a probability is not in [0, 1], those of a frame add up to more than 1 (or
-        to less, with ``"none"``), or an answer has none.
+        If lengths differ, no frame counts, a name is an empty cell made text (``"nan"``), a probability is not in
+        [0, 1], those of a frame add up to more than 1 (or to less, with ``"none"``), or an answer has none.
     """
-    labels, predicted = _names(truth), _names(answers)
+    labels, predicted = _names(truth, "truth"), _names(answers, "answers")
     if len(labels) != len(predicted):
         raise VfoaError(f"score: answers: found {len(predicted)}; expected {len(labels)}, one for each label")
     counts = (labels != "") & (labels != IGNORED)
@@ -122,9 +124,14 @@ def score(
     )
 
 
-def _names(values: Iterable[Any]) -> NDArray[np.str_]:
+def _names(values: Iterable[Any], what: str) -> NDArray[np.str_]:
     """The names (n,), ``""`` where there is none: None, or the NaN or NA of a table's empty cell."""
-    return np.array([_name(value) for value in values], dtype=np.str_)
+    names = np.array([_name(value) for value in values], dtype=np.str_)
+    if found := sorted(_EMPTY_AS_TEXT.intersection(names.tolist())):
+        raise VfoaError(
+            f"score: {what}: found the text {found[0]!r}, an empty cell made text; expected None or '', or {NOWHERE!r}"
+        )
+    return names
 
 
 def _name(value: Any) -> str:

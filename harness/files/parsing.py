@@ -10,6 +10,7 @@ import codecs
 import io
 import json
 import math
+import os
 import re
 import tomllib
 import zipfile
@@ -201,13 +202,19 @@ def toml_key(key: str) -> str:
 
 
 def toml_value(value: Any) -> str:
-    """A JSON value as TOML text; a null in a table is left out, since TOML has no null.
+    """A JSON value, an array or a number of NumPy, or a path as TOML text.
+
+    A null in a table is left out, since TOML has no null.
 
     Raises
     ------
     VfoaError
         If a text is not Unicode: a file's name of other bytes.
     """
+    if hasattr(value, "tolist"):  # of NumPy, which is not imported for this
+        return toml_value(value.tolist())
+    if isinstance(value, os.PathLike):
+        return _text(os.fspath(value))
     if isinstance(value, dict):
         pairs = (f"{toml_key(key)} = {toml_value(item)}" for key, item in value.items() if item is not None)
         return "{ " + ", ".join(pairs) + " }"

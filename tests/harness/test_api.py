@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -48,7 +49,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> harness.RunResults:
     (folder / "cones.toml").write_text(EXPERIMENT, encoding="utf-8")
     return harness.run_experiment(
         folder / "cones.toml",
-        settings={"attention.n_rays": 10},
+        settings={"attention.n_rays": np.int64(10)},
         out=folder / "run",
         limit=6,
         recordings=False,

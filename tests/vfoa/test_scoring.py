@@ -115,6 +115,8 @@ def test_calibration_is_the_distance_of_confidence_from_the_share_of_right_answe
     ("truth", "answers", "probabilities", "message"),
     [
         (["cup"], ["cup", "cup"], None, "answers.*found 2.*expected 1"),
+        (["cup", "cup"], [str(None), "cup"], None, "answers.*'None'"),
+        (["cup", str(math.nan)], ["cup", str(math.nan)], None, "truth.*'nan'"),
         (["ignore", None], ["cup", "cup"], None, "truth.*all 2"),
         (["cup"], ["cup"], {"cup": [0.5, 0.5]}, "'cup'.*\\(2,\\).*\\(1,\\)"),
         (["cup"], ["cup"], {"cup": [1.5]}, "'cup'.*0 to 1.*1.5"),

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -160,6 +161,18 @@ def test_every_value_comes_back(value: Any, key: str) -> None:
 def test_what_json_has_no_words_for() -> None:
     assert math.isnan(tomllib.loads(f"a = {toml_value(math.nan)}")["a"])
     assert tomllib.loads(f"a = {toml_value({'here': 1, 'not': None})}") == {"a": {"here": 1}}
+
+
+def test_values_of_numpy_and_paths_are_those_of_the_file() -> None:
+    values = {
+        "n": np.int64(3),
+        "cones": np.array([5.0, 12.5]),
+        "is": np.bool_(1),
+        "each": [np.float32(0.5)],
+        "a": Path("b"),
+    }
+    found = tomllib.loads("\n".join(f"{key} = {toml_value(value)}" for key, value in values.items()))
+    assert found == {"n": 3, "cones": [5.0, 12.5], "is": True, "each": [0.5], "a": "b"}
 
 
 def test_a_name_that_is_not_unicode_is_one_line() -> None:

@@ -139,7 +139,7 @@ def test_a_script_gets_answers_under_other_settings(images: Finished, monkeypatc
     nearest = images.run.attend({"attention.method": "nearest"}, ["cones", "wide"]).astype(str)
     for name in ("cones", "wide"):
         assert _of(nearest, name)[COLUMNS].equals(_of(answers, "nearest")[COLUMNS])
-    unfiltered = images.run.attend({"gaze_filter.cues": "off"}, ["filtered"])
+    unfiltered = images.run.attend({"gaze_filter.cues": "off"}, "filtered")
     assert unfiltered[["gaze_filtered", "head_filtered"]].isna().all(axis=None)
     assert _of(unfiltered, "filtered")[COLUMNS].equals(_of(answers, "cones")[COLUMNS])
 
