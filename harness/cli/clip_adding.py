@@ -40,7 +40,11 @@ def add_clip(
         typer.Option("--set", metavar="KEY=VALUE", help="A setting of the adapter, such as pass=final."),
     ] = None,
     calibration: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE", help="Calibration file; give it twice for one file per camera.")
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Calibration file; give it twice for one file per camera, and a third time for how these stand.",
+        ),
     ] = None,
     fx: Annotated[
         float | None, typer.Option(metavar="PX", help="Of a rectified pair instead: focal length, pixels.")

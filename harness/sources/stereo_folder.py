@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
@@ -25,12 +25,12 @@ from vfoa.types import Image, StereoFrame
 class StereoFolderSettings(PairFiles, Options):
     """Files of the views, under the manifest's root, and their calibration: a file or four numbers.
 
-    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). ``rate_hz``
-    is how many numbers of frames a second has. Without it, times are those of the video or in the names; images without
-    either are one second apart.
+    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV), or three
+    (left, right, and how they stand). ``rate_hz`` is how many numbers of frames a second has. Without it, times are
+    those of the video or in the names; images without either are one second apart.
     """
 
-    calibration: str | tuple[str, str] | None = None
+    calibration: str | Annotated[tuple[str, ...], Field(min_length=2, max_length=3)] | None = None
     camera: Intrinsics | None = None
     rate_hz: float | None = Field(default=None, ge=1e-3, le=1e6)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -274,6 +274,15 @@ def _check_lenses_are_told(document: Document, where: str) -> None:
 def _is_of_one_camera(name: str) -> bool:
     """Whether a name is that of a camera matrix, or of a focal length in pixels, without a number or a side."""
     return _plain(name) in _OF_A_CAMERA["K"] or re.fullmatch(r"(?:.*[_.])?fx(?:_px)?", name.lower()) is not None
+
+
+def merged(documents: Sequence[Document]) -> dict[str, Any]:
+    """The values of several files; those of the first two by the names of left and right if each has one camera."""
+    has_one = [any(_plain(name) in _OF_A_CAMERA["K"] for name in document) for document in documents[:2]]
+    sides = ["left_", "right_"] if has_one == [True, True] else []
+    sides += [""] * (len(documents) - len(sides))
+    pairs = zip(sides, documents, strict=True)
+    return {f"{side}{name}": value for side, document in pairs for name, value in document.items()}
 
 
 def rectifies(document: Document) -> bool:

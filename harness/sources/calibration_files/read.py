@@ -75,7 +75,8 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     Parameters
     ----------
     paths
-        One file, or two: left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV.
+        One file, or two: left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV; or three of OpenCV: the
+        left camera, the right one, and how they stand.
     size
         Gives (width, height) of the images.
     options
@@ -146,7 +147,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
                     f'{where}: one camera of {program}; expected the pair: calibration = ["left.yaml", "right.yaml"]'
                 )
             return program, read_pair(contents[0], contents[1], (str(paths[0]), str(paths[1])))
-    merged = {name: value for document in contents for name, value in document.items()}
+    merged = opencv.merged(contents)
     if (chain := documents.kalibr_chain(merged)) is not None and not opencv.rectifies(merged):
         return "Kalibr", documents.kalibr_pair(chain, options.calibration_cameras or (0, 1), where)
     if basalt.is_basalt(merged):
@@ -195,9 +196,9 @@ def find_calibrations(
     """
     calibrations, faults = list[tuple[str, ...]](), dict[tuple[str, ...], str]()
     candidates = [*_candidates(root), _OF_THE_DAY]
-    candidates.sort(key=_is_repetition)
+    candidates.sort(key=_rank)
     for names in candidates:
-        if calibrations and _is_repetition(names):
+        if calibrations and _rank(names) > _rank(calibrations[0]):
             break
         paths = [root / name for name in names]
         try:
@@ -215,8 +216,7 @@ def find_calibrations(
         except VfoaError as error:
             if names != _OF_THE_DAY and all(map(_seems_calibration, paths)):
                 faults[names] = f"{'' if str(root) in str(error) else f'{paths[0]}: '}{error}"
-    of_pairs = {name for names in faults if len(names) > 1 for name in names}
-    notes = [fault for names, fault in faults.items() if len(names) > 1 or names[0] not in of_pairs]
+    notes = [fault for names, fault in faults.items() if not any({*names} < {*others} for others in faults)]
     return calibrations, [] if calibrations else notes
 
 
@@ -224,6 +224,8 @@ _CALIBRATION_NAME = re.compile(
     r"calib|stereo|camchain|intrinsic|extrinsic|camera_?(?:info|param|matrix)|rectif|^sn[0-9]+\.conf$|^k\.txt$",
     re.IGNORECASE,
 )
+_POSE_NAME = re.compile(r"stereo|extrinsic", re.IGNORECASE)
+"""Of a file with the pose of two cameras, whose lenses are in files of their own."""
 _CALIBRATION_CONTENT = re.compile(
     rb"\b(?:[KMP]1\b|camera[_ ]?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|"
     rb"cameraData\b|CameraParameters1\b|Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_|body_T_cam0\b)",
@@ -248,9 +250,12 @@ def _seems_calibration(path: Path) -> bool:
 _OF_THE_DAY = ("../calib_cam_to_cam.txt",)
 
 
-def _is_repetition(names: tuple[str, ...]) -> bool:
-    """Whether a file says again, or for more images, what another one says, and counts if there is no other."""
-    return names == _OF_THE_DAY or Path(names[0]).name.lower() == ros_text.FILE_NAME
+def _rank(names: tuple[str, ...]) -> int:
+    """Files count only if none with a lower rank do: they say again, or for more images, what those say.
+
+    1 is that of three files, of which two may be a pair, 2 that of ROS's ``ost.txt`` and of KITTI's day.
+    """
+    return 2 if names == _OF_THE_DAY or Path(names[0]).name.lower() == ros_text.FILE_NAME else len(names) // 3
 
 
 def _candidates(root: Path) -> Iterator[tuple[str, ...]]:
@@ -265,6 +270,9 @@ def _candidates(root: Path) -> Iterator[tuple[str, ...]]:
     ]
     yield from ((name,) for name in names)
     in_documents = [name for name in names if Path(name).suffix.lower() in (*SUFFIXES, ".ini")]
-    yield from pair_names(in_documents, numbered=False)
+    pairs = pair_names(in_documents, numbered=False)
+    yield from pairs
+    of_poses = [name for name in in_documents if _POSE_NAME.search(Path(name).name)]
+    yield from ((*pair, name) for pair in pairs for name in of_poses if name not in pair)
     others = ((name, name.replace("intrinsic", "extrinsic")) for name in in_documents)
     yield from ((name, other) for name, other in others if other != name and (root / other).is_file())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from harness.sources.calibration_files.documents import METRES, Unit
-from harness.sources.calibration_files.read import Options, read_cameras
+from harness.sources.calibration_files.read import Options, find_calibrations, read_cameras
 from tests.calibration_formats import (
     FISHEYE,
     assert_rows_match_and_depths_come_back,
@@ -21,7 +21,7 @@ from tests.calibration_formats import (
     read_rectified,
     size_px,
 )
-from tests.calibrations import RIG, SIZE, opencv_nodes, write_opencv, write_yaml
+from tests.calibrations import RIG, SIZE, opencv_nodes, rectification, write_opencv, write_yaml
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -87,6 +87,49 @@ def _of_cameras(*names: str, of_matrix: str = "K", of_lens: str = "dist", **more
 def test_names_and_tables_of_people_s_scripts(tmp_path: Path, document: dict[str, Any]) -> None:
     path = write_text(tmp_path / "c.json", json.dumps(document))
     assert_rows_match_and_depths_come_back(read_raw([path]), RIG, points_ahead(4))
+
+
+def _camera_file(path: Path, number: int, **more: Any) -> Path:
+    """What a script saves of one camera."""
+    return write_text(path, json.dumps({"K": LISTS[f"K{number}"], "D": LISTS[f"D{number}"], **more}))
+
+
+def test_a_file_for_each_camera_and_one_for_their_pose(tmp_path: Path) -> None:
+    """The sizes are not those of the images, which are half as large."""
+    size = {"width": SIZE[0], "height": SIZE[1]}
+    lenses = [_camera_file(tmp_path / f"calib_{side}.json", n, **size) for n, side in ((1, "left"), (2, "right"))]
+    rectified = {name: value.tolist() for name, value in rectification(RIG).items()}
+    for values in (_POSE, {**_POSE, "E": LISTS["R"]}, rectified):
+        pose = write_text(tmp_path / "stereo_params.json", json.dumps(values))
+        found = read_raw([*lenses, pose])
+        assert_rows_match_and_depths_come_back(found, RIG, points_ahead(4))
+        assert found.left.size_px == SIZE
+        assert find_calibrations(tmp_path, lambda: (640, 360)) == (
+            [("calib_left.json", "calib_right.json", "stereo_params.json")],
+            [],
+        )
+    with pytest.raises(VfoaError, match=r"found D1, D2, K1, K2 .*expected K1 D1 K2 D2 with R T"):
+        read_raw(lenses)
+
+
+def test_a_file_for_each_camera_with_its_rectification(tmp_path: Path) -> None:
+    found = {name: value.tolist() for name, value in rectification(RIG).items()}
+    paths = [
+        _camera_file(tmp_path / f"{side}.json", n, R=found[f"R{n}"], P=found[f"P{n}"])
+        for n, side in ((1, "left"), (2, "right"))
+    ]
+    assert_rows_match_and_depths_come_back(read_raw(paths), RIG, points_ahead(4))
+    write_text(tmp_path / "stereo.json", json.dumps(_POSE))
+    assert find_calibrations(tmp_path, size_px) == ([("left.json", "right.json")], [])
+
+
+def test_of_three_files_that_are_incomplete_one_note_is_left(tmp_path: Path) -> None:
+    for number, side in ((1, "left"), (2, "right")):
+        _camera_file(tmp_path / f"{side}_calib.json", number)
+    write_text(tmp_path / "stereo_calib.json", json.dumps({"R": LISTS["R"]}))
+    calibrations, (note,) = find_calibrations(tmp_path, size_px)
+    assert calibrations == []
+    assert "found D1, D2, K1, K2, R; expected" in note
 
 
 def test_tables_of_three_cameras_are_no_pair(tmp_path: Path) -> None:
