@@ -16,7 +16,7 @@ from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
-from harness.sources.media.frame_files import StampUnit, numbers_note, rate_of
+from harness.sources.media.frame_files import StampUnit, number_time_ns, rate_of, untimed_note
 from harness.sources.media.images import read_rgb, width_by_height
 from harness.sources.media.maps import read_depth_file
 from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
@@ -34,7 +34,7 @@ class DepthFolderSettings(Settings):
     ``depth_scale`` is the number of counts per metre (if not given, integers are millimetres and floating point
     numbers metres; TUM RGB-D has 5000). The camera is a file (``calibration``) or numbers (``camera``);
     ``rectified``: the images have no lens distortion. ``rate_hz`` is how many numbers of frames a second has. Without
-    it, times are those of the lists or names; images without times are one second apart.
+    it, times are those of the lists or names; images without times count as 25 numbers a second.
     """
 
     colour: str
@@ -87,7 +87,7 @@ class DepthFolderClip:
         self.notes = (
             *self._files.notes,
             *(settings.camera.notes if settings.camera else ()),
-            *(numbers_note(self.frames) if without_times else ()),
+            *(untimed_note(self.frames) if without_times else ()),
         )
 
     @classmethod
@@ -106,7 +106,7 @@ class DepthFolderClip:
         """Time from lists or names, or the number over the rate (without these, or if the manifest gives a rate)."""
         check_number(number, self.frames, self._folder)
         if self._files.times_ns is None or self._settings.rate_hz:
-            return round(number * 1e9 / (self._settings.rate_hz or 1.0))
+            return number_time_ns(number, self._settings.rate_hz)
         return self._files.times_ns[number]
 
     def frame(self, number: int) -> StereoFrame:

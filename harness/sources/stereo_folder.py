@@ -15,7 +15,7 @@ from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration import Calibration, check_first_size, first_size
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
-from harness.sources.media.frame_files import numbers_note
+from harness.sources.media.frame_files import number_time_ns, untimed_note
 from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note, shrinking_note
 from harness.sources.stereo_pairs import PairFiles
 from vfoa.errors import VfoaError, located
@@ -27,7 +27,7 @@ class StereoFolderSettings(PairFiles, Options):
 
     ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV), or three
     (left, right, and how they stand). ``rate_hz`` is how many numbers of frames a second has. Without it, times are
-    those of the video or in the names; images without either are one second apart.
+    those of the video or in the names; images without either count as 25 numbers a second.
     """
 
     calibration: str | Annotated[tuple[str, ...], Field(min_length=2, max_length=3)] | None = None
@@ -92,7 +92,7 @@ class StereoFolderClip:
         """Notes: frames left out, and a calibration scaled to another resolution."""
         camera, notes = self._settings.camera, self._views.notes
         if self.rate_hz is None and self._views.time_ns(self.frames[0]) is None:
-            notes += numbers_note(self.frames)
+            notes += untimed_note(self.frames)
         try:
             return (
                 *notes,
@@ -112,7 +112,7 @@ class StereoFolderClip:
         """Time from the files, or the number over the manifest's rate (without times, or if it gives a rate)."""
         check_number(number, self.frames, self._folder)
         stamp_ns = None if self._settings.rate_hz else self._views.time_ns(number)
-        return round(number * 1e9 / (self._settings.rate_hz or 1.0)) if stamp_ns is None else stamp_ns
+        return number_time_ns(number, self._settings.rate_hz) if stamp_ns is None else stamp_ns
 
     def frame(self, number: int) -> StereoFrame:
         """Read one pair."""

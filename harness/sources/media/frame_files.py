@@ -19,6 +19,7 @@ from harness.files.ascending import place_in
 from harness.sources.media import yarp
 from harness.sources.media.dated_names import find_dates
 from vfoa.errors import VfoaError
+from vfoa.times import FRAME_S
 
 Value = TypeVar("Value")
 
@@ -362,15 +363,27 @@ def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
 
 _FEWEST_TICKS = 1000
 """Least step of numbers that count no frames: a second in ms."""
+UNTIMED_HZ = 1 / FRAME_S
+"""Numbers of frames in a second where neither files nor the manifest say it."""
 
 
-def numbers_note(frames: Sequence[int]) -> tuple[str, ...]:
-    """A note if the numbers of frames without times, ascending, are probably times themselves."""
-    step = float(np.median(np.diff(np.array(frames, dtype=np.float64)))) if len(frames) > 1 else 0.0
-    if step < _FEWEST_TICKS:
+def number_time_ns(number: int, rate_hz: float | None) -> int:
+    """The time of an image without one: its number over the numbers of a second, :data:`UNTIMED_HZ` if not known."""
+    return round(number * 1e9 / (rate_hz or UNTIMED_HZ))
+
+
+def untimed_note(frames: Sequence[int]) -> tuple[str, ...]:
+    """A note on several frames without times and a rate, ascending: what their times are, or that the numbers are."""
+    if len(frames) < 2:
         return ()
+    step = float(np.median(np.diff(np.array(frames, dtype=np.float64))))
+    if step < _FEWEST_TICKS:
+        return (
+            f"frames without times count as {UNTIMED_HZ:g} numbers a second, as in a film: say rate_hz in [source] if "
+            "they are not (the posterior and the logit depend on it)",
+        )
     return (
-        f"the frames' numbers are {step:g} apart (median), and frames as many seconds: if the numbers are times, say "
+        f"the frames have no times, and their numbers are {step:g} apart (median): if the numbers are times, say "
         'stamps = "ns" (or "us", "ms") in [source]',
     )
 

@@ -26,6 +26,7 @@ root = "wall"
 [source]
 left = "left"
 right = "right"
+rate_hz = 25
 [source.camera]
 {CAMERA}
 [subjects.girl]

@@ -104,7 +104,7 @@ def test_a_camera_in_question_is_told_when_a_clip_is_added(tmp_path: Path) -> No
     assert [
         word for word in ("baseline is 120 m", "(62, 23.5)") if not any(word in note for note in added["notes"])
     ] == []
-    assert vfoa("add", path, *NUMBERS, "--name", "right")["notes"] == []
+    assert vfoa("add", path, *NUMBERS, "--set", "rate_hz=25", "--name", "right")["notes"] == []
 
 
 def test_what_was_found_is_said(tmp_path: Path) -> None:

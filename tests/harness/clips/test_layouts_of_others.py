@@ -293,7 +293,7 @@ def test_a_clip_says_that_its_calibration_is_scaled(tmp_path: Path) -> None:
     images(tmp_path, "left/{}.png", "right/{}.png")
     nodes = {f"P{n}": np.array([[100, 0, 63.5, x], [0, 100, 47.5, 0], [0, 0, 1, 0]]) for n, x in ((1, 0.0), (2, -12.0))}
     write_opencv(tmp_path / "stereo.yml", nodes, (2 * WIDTH, 2 * HEIGHT))
-    added = vfoa("add", tmp_path, "--name", "mine")
+    added = vfoa("add", tmp_path, "--name", "mine", "--set", "rate_hz=25")
     note = f"the calibration of {2 * WIDTH} x {2 * HEIGHT} pixels is scaled to the images' {WIDTH} x {HEIGHT}"
     assert added["notes"] == [note]
     clip = load_manifest("mine").open()

@@ -32,8 +32,18 @@ def test_numbers_that_may_be_times_are_noted(tmp_path: Path) -> None:
         write_counts(tmp_path / "depth" / f"{n}.png", n)
     settings = DepthFolderSettings.model_validate({"colour": "rgb", "depth": "depth", "camera": CAMERA})
     (note,) = DepthFolderClip(settings, tmp_path).notes
-    assert note.startswith("the frames' numbers are 33333 apart (median), and frames as many seconds: ")
+    assert "numbers are 33333 apart (median)" in note
     assert DepthFolderClip(settings.model_copy(update={"stamps": "us"}), tmp_path).notes == ()
+
+
+def test_frames_without_times_and_rate_are_those_of_a_film(tmp_path: Path) -> None:
+    for n in (3, 5):
+        write_image(tmp_path / "rgb" / f"{n}.png", picture(n))
+        write_counts(tmp_path / "depth" / f"{n}.png", n)
+    settings = DepthFolderSettings.model_validate({"colour": "rgb", "depth": "depth", "camera": CAMERA})
+    clip = DepthFolderClip(settings, tmp_path)
+    assert (clip.rate_hz, clip.time_ns(5) - clip.time_ns(3)) == (None, 80_000_000)
+    assert ["25 numbers a second" in note for note in clip.notes] == [True]
 
 
 def test_every_tenth_picture_of_a_camera_has_a_tenth_of_its_rate(tmp_path: Path) -> None:
