@@ -286,6 +286,16 @@ def test_no_button_of_the_report_is_dead(report: Chrome) -> None:
     assert [each for each in report.get_log("browser") if each["level"] == "SEVERE"] == []
 
 
+def test_the_served_report_and_its_box_of_a_frame_fit_a_phone(report: Chrome) -> None:
+    set_width(report, 390)
+    report.find_element("id", "timeline").send_keys("n")
+    wait_for(lambda: report.find_elements("link text", "The label is wrong"))
+    assert report.execute_script("return document.documentElement.scrollWidth") <= 390
+    widths = "const box = document.getElementById('frame'); return [box.scrollWidth, box.clientWidth];"
+    content, visible = report.execute_script(widths)
+    assert content <= visible
+
+
 def test_a_person_can_look_at_everything_but_herself(run: RunResults) -> None:
     assert choices(run.directory, "desk", "anna") == (*("laptop", "mug", "book", "bottle", "vase", "none", "ignore"),)
 
