@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from harness.files.ascending import usual_step
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth, check_number, given_root
-from harness.sources.calibration_files.one_camera import read_one_camera
+from harness.sources.calibration_files.one_camera import counts_per_metre, read_one_camera
 from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
 from harness.sources.media.frame_files import StampUnit, number_time_ns, rate_of, untimed_note
@@ -24,6 +24,8 @@ from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings
 from vfoa.types import StereoFrame
 
+_MILLIMETRES = 1000.0
+
 
 class DepthFolderSettings(Settings):
     """Files of the clip, under the manifest's root, and the calibration of their camera.
@@ -31,10 +33,11 @@ class DepthFolderSettings(Settings):
     ``colour`` and ``depth`` are folders, globs (``depth/*.npy``), printf patterns, or two lists of times and files
     (``rgb.txt``, ``depth.txt``, or twice ``associations.txt``), joined if they are at most ``tolerance_ms`` apart.
     ``stamps``: the numbers in the files' names are times, in this unit, and joined likewise.
-    ``depth_scale`` is the number of counts per metre (if not given, integers are millimetres and floating point
-    numbers metres; TUM RGB-D has 5000). The camera is a file (``calibration``) or numbers (``camera``);
-    ``rectified``: the images have no lens distortion. ``rate_hz`` is how many numbers of frames a second has. Without
-    it, times are those of the lists or names; images without times count as 25 numbers a second.
+    ``depth_scale`` is the number of counts per metre (if not given, integers are in the unit that the calibration's
+    file has as ``depth_scale``, else millimetres, and floating point numbers metres; TUM RGB-D has 5000). The camera is
+    a file (``calibration``) or numbers (``camera``); ``rectified``: the images have no lens distortion. ``rate_hz`` is
+    how many numbers of frames a second has. Without it, times are those of the lists or names; images without times
+    count as 25 numbers a second.
     """
 
     colour: str
@@ -83,17 +86,32 @@ class DepthFolderClip:
         files = settings.colour, settings.depth
         self._files = find_depth_frames(folder, *files, settings.tolerance_ms, settings.stamps)
         self.frames = tuple(self._files.colours)
-        without_times = settings.rate_hz is None and self._files.times_ns is None
-        self.notes = (
-            *self._files.notes,
-            *(settings.camera.notes if settings.camera else ()),
-            *(untimed_note(self.frames) if without_times else ()),
-        )
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
         """Recognise folders or names of colour and of depth, TUM RGB-D."""
         return recognise_depth(path)
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Notes: images without a partner, a field of view, numbers that may be times, another unit of depth."""
+        settings, counts = self._settings, self._counts_per_m
+        without_times = settings.rate_hz is None and self._files.times_ns is None
+        return (
+            *self._files.notes,
+            *(settings.camera.notes if settings.camera else ()),
+            *(untimed_note(self.frames) if without_times else ()),
+            *([f"whole numbers of depth: {counts:g} per metre, as {settings.calibration} says"] if counts else ()),
+        )
+
+    @cached_property
+    def _counts_per_m(self) -> float | None:
+        """The unit of depth in whole numbers that the calibration's file says, if the manifest gives none."""
+        settings = self._settings
+        if settings.calibration is None or settings.depth_scale is not None:
+            return None
+        counts = counts_per_metre(self._folder / settings.calibration)
+        return None if counts == _MILLIMETRES else counts
 
     @cached_property
     def rate_hz(self) -> float | None:
@@ -113,7 +131,7 @@ class DepthFolderClip:
         """Read one frame."""
         time_ns, files = self.time_ns(number), self._files
         left = read_rgb(files.colours[number])
-        depth_m = read_depth_file(files.depths[number], self._settings.depth_scale)
+        depth_m = read_depth_file(files.depths[number], self._settings.depth_scale, self._counts_per_m)
         with located(f"{self._folder}: frame {number}"):
             if left.shape[:2] != depth_m.shape:
                 sizes = " and depth ".join(width_by_height(pixels) for pixels in (left, depth_m))

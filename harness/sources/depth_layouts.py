@@ -121,7 +121,9 @@ def find_depth_frames(
 
 _COLOUR_WORDS = ("rgb", "color", "colour", "image", "img", "left")
 _CALIBRATIONS = re.compile(
-    r"(?:(?:camera|color|colour|rgb)[_-]?)?(?:intrinsics?|info|calib|calibration)|camera|k|ost", re.IGNORECASE
+    r"(?:(?:camera|cam|color|colour|rgb|realsense)[_-]?)?(?:intrinsics?|info|calib|calibration)|camera|k|ost|"
+    r"(?:camera|cam)[_-]?(?:k|matrix|params?|parameters)",
+    re.IGNORECASE,
 )
 """The name, without its suffix, of one camera's calibration in Open3D, ROS, OpenCV and data sets."""
 _CALIBRATION_SUFFIXES = frozenset({*SUFFIXES, ".txt", ".ini"})

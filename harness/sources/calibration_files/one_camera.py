@@ -39,7 +39,7 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
     - Open3D: ``intrinsic_matrix``, nine numbers by columns, in JSON
     - a RealSense's intrinsics by their names in librealsense: ``fx``, ``fy``, ``ppx``, ``ppy`` (or ``cx``, ``cy``),
       ``model``, ``coeffs``, ``width``, ``height``, in JSON or YAML; OpenCV's names of the last four are read,
-      too, and they may be missing
+      too, and they may be missing; all in a table (``intrinsics``), if it is the only one of a camera
     - text: K, nine numbers by rows
 
     Parameters
@@ -55,7 +55,7 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
         If the file is of none of these kinds, or of a camera of another size.
     """
     if document_suffix(path):
-        camera = _of_document(path, read_document(path), size_px)
+        camera = _of_document(path, _with_camera_table(read_document(path)), size_px)
     elif is_ros_text(text := read_text(path)):
         camera = read_ros_camera(path, text)
     else:
@@ -66,6 +66,47 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
     check_lens(camera, str(path))
     check_size(size_px, camera.size_px, f"{path}: images")
     return without_distortion(camera) if rectified else camera
+
+
+_METRES_PER_COUNT, _COUNTS_PER_METRE = 0.02, 50.0
+"""Of a scale of depth: the most metres per count, and the least counts per metre, that are read."""
+
+
+def counts_per_metre(path: Path) -> float | None:
+    """The unit of depth in whole numbers that people's scripts save beside a camera, in counts per metre.
+
+    ``depth_scale`` is in metres per count, as of a RealSense (0.001), or in counts per metre, as of Open3D (1000);
+    ``png_depth_scale`` and ``scale`` are those of NICE-SLAM and Replica. None: the file says none, or 1, which is a
+    millimetre in BOP's data sets, and nothing beside depth in metres.
+
+    Raises
+    ------
+    VfoaError
+        If it is neither.
+    """
+    document = _with_camera_table(read_document(path)) if document_suffix(path) else {}
+    for name in ("depth_scale", "depthScale", "png_depth_scale", "scale"):
+        if name not in document:
+            continue
+        (scale,) = numbers(document[name], f"{path}: {name}", 1)
+        if 0 < scale <= _METRES_PER_COUNT:
+            return round(1 / float(scale), 2)  # a RealSense says 0.0010000000474974513
+        if scale >= _COUNTS_PER_METRE:
+            return float(scale)
+        if scale != 1 and name != "scale":  # that of an image
+            raise VfoaError(
+                f"{path}: {name}: found {scale:g}; expected metres per count, such as 0.001, or counts per metre, such "
+                "as 1000: say depth_scale = in [source], in counts per metre"
+            )
+    return None
+
+
+def _with_camera_table(document: Document) -> Document:
+    """The values of a document and of its only table of a camera: ``{"intrinsics": {"fx": ...}}``."""
+    tables = [name for name, value in document.items() if isinstance(value, Mapping) and {"fx", "fy"} <= value.keys()]
+    if len(tables) != 1 or "fx" in document:
+        return document
+    return {**{name: value for name, value in document.items() if name not in tables}, **document[tables[0]]}
 
 
 def realsense_cameras(document: Document) -> list[str]:

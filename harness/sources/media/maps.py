@@ -108,10 +108,11 @@ _BACKGROUND = 1e9
 """Renderers write at least this where there is no surface; Blender writes 1e10."""
 
 
-def read_depth_file(path: Path, counts_per_m: float | None) -> Map:
+def read_depth_file(path: Path, counts_per_m: float | None, of_integers: float | None = None) -> Map:
     """Read the depth (H, W) float32 in metres, NaN where there is none.
 
-    ``counts_per_m`` is the file's unit; None: integers are millimetres, floating point numbers metres.
+    ``counts_per_m`` is the file's unit; None: that of integers is ``of_integers``, by default millimetres, and floating
+    point numbers are metres.
 
     Raises
     ------
@@ -129,6 +130,8 @@ def read_depth_file(path: Path, counts_per_m: float | None) -> Map:
             f"{path}: found {counts.dtype.name} with shape {counts.shape}; expected depth in one channel of 16 bits or "
             "of floating point numbers (a picture of depth in 8 bits has lost it)"
         )
+    if np.issubdtype(counts.dtype, np.integer):
+        counts_per_m = counts_per_m or of_integers
     return depth_map(counts, counts_per_m or default_counts_per_m(counts))
 
 

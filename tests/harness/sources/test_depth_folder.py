@@ -297,3 +297,22 @@ def test_depth_in_another_unit_is_said(tmp_path: Path, monkeypatch: pytest.Monke
     done = CliRunner().invoke(app, ["add", str(path), "--name", "mine", *OPTIONS, "--set", "depth_scale=500"])
     assert done.exit_code == 0, done.output
     np.testing.assert_allclose(load_manifest("mine").open_images().frame(3).depth_m, 2 * metres(3), rtol=1e-6)
+
+
+def test_depth_is_in_the_unit_that_the_camera_s_file_says(tmp_path: Path) -> None:
+    """A RealSense D405 counts tenths of a millimetre; what is floating point is in metres all the same."""
+    camera = {"fx": 100.0, "fy": 100.0, "ppx": 31.5, "ppy": 23.5, "depth_scale": 9.999999747378752e-05}
+    for root, write in ((tmp_path / "counts", png), (tmp_path / "metres", npy)):
+        write_text(write(root) / "camera_params.json", json.dumps(camera))
+    for n in NUMBERS:
+        write_counts(tmp_path / "counts" / "depth" / f"{n:06d}.png", n, 10_000.0)
+    settings = {"colour": "rgb", "depth": "depth", "calibration": "camera_params.json"}
+    clip = DepthFolderClip(DepthFolderSettings.model_validate(settings), tmp_path / "counts")
+    np.testing.assert_allclose(clip.frame(3).depth_m, metres(3), rtol=1e-6)
+    assert "10000 per metre, as camera_params.json says" in clip.notes[-1]
+    check_contract(clip)
+    given = DepthFolderClip(DepthFolderSettings.model_validate({**settings, "depth_scale": 5000}), tmp_path / "counts")
+    np.testing.assert_allclose(given.frame(3).depth_m, 2 * metres(3), rtol=1e-6)
+    settings |= {"colour": "color", "depth": "depth/*.npy"}
+    floats = DepthFolderClip(DepthFolderSettings.model_validate(settings), tmp_path / "metres")
+    np.testing.assert_allclose(floats.frame(3).depth_m, metres(3), rtol=1e-6)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from harness.sources.calibration_files.one_camera import read_one_camera
+from harness.sources.calibration_files.one_camera import counts_per_metre, read_one_camera
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -86,6 +86,8 @@ FILES = {
     "camera_intrinsic.json": json.dumps({"width": 640, "height": 480, "intrinsic_matrix": K.T.ravel().tolist()}),
     "realsense.json": json.dumps(REALSENSE),
     "intrinsics.json": json.dumps({"fx": 600, "fy": 610, "cx": 320, "cy": 240, "distance_m": 2}),
+    "camera_intrinsics.json": json.dumps({"intrinsics": REALSENSE, "depth_scale": 0.001}),
+    "cam_params.json": json.dumps({"camera": {"fx": 600, "fy": 610, "cx": 320, "cy": 240, "scale": 6553.5}}),
     "camera.yaml": "fx: 600\nfy: 610\ncx: 320\ncy: 240\n",
     "opencv.json": json.dumps(LISTS),
     "ost.ini": ROS_INI,
@@ -174,3 +176,29 @@ def test_the_lens_of_a_realsense_is_read(tmp_path: Path, model: str, count: int,
 def test_anything_else_is_one_line_with_the_file(tmp_path: Path, name: str, text: str) -> None:
     with pytest.raises(VfoaError, match=rf"^[^\n]*{name}[^\n]*$"):
         read_one_camera(write_text(tmp_path / name, text), SIZE)
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ({"depth_scale": 0.00025}, 4000.0),
+        ({"depth_scale": 0.0010000000474974513}, 1000.0),
+        ({"depth_scale": 5000}, 5000.0),
+        ({"intrinsics": REALSENSE, "depth_scale": 0.0001}, 10_000.0),
+        ({"cam": {**REALSENSE, "png_depth_scale": 6553.5}}, 6553.5),
+        ({"camera": {**REALSENSE, "scale": 6553.5}}, 6553.5),
+        ({"depth_scale": 1.0}, None),
+        ({"scale": 0.5}, None),
+        (REALSENSE, None),
+    ],
+)
+def test_the_unit_of_depth_that_scripts_save_beside_a_camera(
+    tmp_path: Path, said: dict[str, object], expected: float | None
+) -> None:
+    assert counts_per_metre(write_text(tmp_path / "a.json", json.dumps(said))) == expected
+
+
+def test_a_scale_of_depth_that_is_neither_is_asked_for(tmp_path: Path) -> None:
+    """BOP's 0.1 is in millimetres per count."""
+    with pytest.raises(VfoaError, match=r"a\.json: depth_scale: found 0\.1; .*depth_scale = in \[source\]"):
+        counts_per_metre(write_text(tmp_path / "a.json", '{"depth_scale": 0.1}'))
