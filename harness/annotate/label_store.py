@@ -52,18 +52,19 @@ class LabelStore(JournaledStore[Labels]):
         """Change the labels by one entry; ValueError, KeyError and similar if it does not fit this clip."""
         if "seen" in entry:
             subject, at = entry["seen"]
+            before = self._seen_alone[subject]
             if not isinstance(at, int) or not 0 <= at < len(self.frames):
                 raise ValueError(f"position {at!r} is outside the clip's {len(self.frames)} frames")
         if {*entry} - {"seen", "id", "time_s"}:
             super().apply(entry)
         else:
-            for seen in (self._seen, self._seen_alone):
-                seen[subject] = max(seen[subject], at)
+            self._seen_alone[subject] = max(before, at)
 
     def begin(self, base: Mapping[str, Sequence[Any]]) -> None:
         """Set all tracks; nothing of them was seen."""
         self._tracks: dict[str, SubjectMarks] = {name: [None] * len(self.frames) for name in self.subjects}
-        self._seen = dict.fromkeys(self.subjects, -1)
+        super().forget_steps()
+        self._seen_alone = dict.fromkeys(self.subjects, -1)
         for subject, plain in base.items():
             self._place(subject, plain)
 
@@ -74,22 +75,14 @@ class LabelStore(JournaledStore[Labels]):
         self.forget_steps()
 
     def make(self, step: Entry, side: Literal["before", "after"]) -> None:
-        """Set the labels to those before or after a step, and what was seen."""
+        """Set the labels to those before or after a step."""
         for change in _changes(step):
             self._place(change["subject"], change[side])
-        if "seen" in step:
-            subject, at = step["seen"]
-            if side == "after":
-                self._seen[subject] = max(self._seen[subject], at)
-            else:
-                made = [each["seen"] for _, each in self._steps["undo"] if "seen" in each]
-                left = [position for name, position in made if name == subject]
-                self._seen[subject] = max([self._seen_alone[subject], *left])
 
     def forget_steps(self) -> None:
         """Forget all steps; what was seen by them stays seen."""
+        self._seen_alone = self._seen()
         super().forget_steps()
-        self._seen_alone = dict(self._seen)
 
     def describe(self, step: Entry) -> str:
         """The subjects whose labels a step changes."""
@@ -97,7 +90,7 @@ class LabelStore(JournaledStore[Labels]):
 
     def content(self) -> Labels:
         """The labels for the CSV."""
-        return to_labels(self._tracks, self._seen, self.frames)
+        return to_labels(self._tracks, self._seen(), self.frames)
 
     def base_of(self, content: Labels) -> Entry:
         """The entry that begins anew with the CSV's labels."""
@@ -151,16 +144,23 @@ class LabelStore(JournaledStore[Labels]):
     def seen(self, subject: str) -> int:
         """The last position up to which a subject's frames were seen; -1: none."""
         self._check_subject(subject)
-        return self._seen[subject]
+        return self._seen()[subject]
+
+    def _seen(self) -> dict[str, int]:
+        """:meth:`seen` of every subject: alone, or with a step that is not undone."""
+        seen = dict(self._seen_alone)
+        for subject, at in (step["seen"] for _, step in self._steps["undo"] if "seen" in step):
+            seen[subject] = max(seen[subject], at)
+        return seen
 
     def state(self) -> dict[str, Any]:
         """Everything that the page shows, as JSON; undecided frames do not count as labelled."""
-        parts = self._parts()
+        parts, seen = self._parts(), self._seen()
         return {
             "revision": self.revision,
             "tracks": {name: plain_stretches(track) for name, track in parts.items()},
-            "seen": dict(self._seen),
-            "labelled": sum(labelled(part, self._seen[subject]) for subject, track in parts.items() for part in track),
+            "seen": seen,
+            "labelled": sum(labelled(part, seen[subject]) for subject, track in parts.items() for part in track),
             "total": len(self.frames) * len(self.subjects),
         }
 
