@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -28,6 +28,7 @@ from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered, smoothed, update
 from vfoa.posterior.grid import Error
 from vfoa.recent import Recent
+from vfoa.settings import CountsWith
 from vfoa.times import Gap, seconds_between
 from vfoa.types import Attention, DirectionFit, Float, FrameResult, NoAttention, Scene, Subject, Target
 from vfoa.visible import RAYS, visible_targets
@@ -38,6 +39,8 @@ _SHARPEST_RAD = float(np.deg2rad(0.01))
 
 class BayesSettings(MethodSettings):
     """Settings of :func:`infer_attentions`."""
+
+    counts_with: ClassVar[CountsWith] = {"look_ahead_s": ("smoothing", ("both",))}
 
     method: Literal["bayes"]
     """``bayes``: a posterior over the objects."""

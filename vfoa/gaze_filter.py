@@ -20,13 +20,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, NonNegativeInt, PositiveInt
 
 from vfoa.geometry import left_from_crop, perturb, tangent_offset
-from vfoa.settings import Settings
+from vfoa.settings import CountsWith, Settings
 from vfoa.types import CUES, Cue, Float, Gaze, HeadPose, Person, Subject
 
 LAMBDA = 0.5
@@ -51,6 +51,10 @@ class GazeFilterSettings(Settings):
     Nobody turns by more than ``gate_deg`` in a frame. After ``max_missing`` frames the cue counts as missing, and the
     filter restarts with the next measurement, at whatever angle.
     """
+
+    counts_with: ClassVar[CountsWith] = dict.fromkeys(
+        ("noise_deg", "hold", "gate_deg", "max_missing"), ("cues", ("gaze", "both"))
+    )
 
     cues: Literal["off", "gaze", "both"] = "off"
     """Directions that are filtered: none, the gaze, or gaze and head pose."""

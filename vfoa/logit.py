@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import Literal, NamedTuple, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -42,7 +42,7 @@ from vfoa.posterior.belief import Belief, MeasuredCues, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered
 from vfoa.recent import Recent
-from vfoa.settings import Settings
+from vfoa.settings import CountsWith, Settings
 from vfoa.times import seconds_between
 from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target
 
@@ -134,6 +134,8 @@ def default_weights() -> LogitWeights:
 class LogitSettings(MethodSettings):
     """Settings of :func:`weigh_attentions`."""
 
+    counts_with: ClassVar[CountsWith] = {"look_ahead_s": ("smoothing", ("both",))}
+
     method: Literal["logit"]
     """``logit``: a conditional logit over the targets and nowhere, fitted to labels."""
     smoothing: Literal["forward", "both"] = "forward"
@@ -155,6 +157,14 @@ class LogitSettings(MethodSettings):
     def is_unfitted(self) -> bool:
         """Whether the weights are still to be fitted: ``"left-out"``."""
         return self.weights == "left-out"
+
+    @property
+    def idle(self) -> dict[str, str]:
+        """Also ``smoothing = "both"`` with the default weights, which use no later frames."""
+        needed = "weights that use later frames (vfoa fit)"
+        if self.smoothing == "both" and self.weights == default_weights() and not self.by_clip:
+            return dict.fromkeys(("smoothing", "look_ahead_s"), needed)
+        return super().idle
 
     @property
     def expectation(self) -> str:

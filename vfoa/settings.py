@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+import json
+from collections.abc import Mapping
+from typing import Any, ClassVar, get_args
 
 from pydantic import BaseModel, ConfigDict, model_validator
+
+CountsWith = Mapping[str, tuple[str, tuple[Any, ...]]]
+"""By settings that have an effect only beside some values of another one: the other one, and these values."""
 
 
 class Settings(BaseModel):
@@ -14,6 +19,17 @@ class Settings(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=())
+
+    counts_with: ClassVar[CountsWith] = {}
+
+    @property
+    def idle(self) -> dict[str, str]:
+        """The settings that have no effect beside the others, and what each counts with: ``smoothing = "both"``."""
+        return {
+            name: f"{other} = {' or '.join(map(json.dumps, values))}"
+            for name, (other, values) in self.counts_with.items()
+            if getattr(self, other) not in values
+        }
 
     @model_validator(mode="before")
     @classmethod

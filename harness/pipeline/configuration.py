@@ -292,6 +292,13 @@ class Configuration:
         return [choice for choice in self.choices.values() if choice]
 
     @property
+    def settings(self) -> dict[str, Settings]:
+        """The settings by table, of the stages that are not switched off and of all steps."""
+        steps = {name: getattr(self.attend, name) for name in type(self.attend).model_fields}
+        of_stages = {choice.slot: choice.settings for choice in self.stages}
+        return {**of_stages, "drawn": self.drawn, "reconstruction": self.reconstruction, **steps}
+
+    @property
     def is_in_region(self) -> bool:
         """Whether the matcher is asked only for the disparities of objects and heads."""
         stereo = self.choices["stereo"]

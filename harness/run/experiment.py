@@ -24,7 +24,7 @@ or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -283,15 +283,36 @@ def _configurations(
     lacking = {key: [name for name, tables in changed.items() if not takes(tables, key)] for key, _ in changes}
     partly = {key: names for key, names in lacking.items() if 0 < len(names) < len(layers)}  # all: an error
     made, used = [], set[tuple[str, str]]()
+    given = dict.fromkeys(key for key, _ in changes)
     for each in layers:
         taken = [(key, value) for key, value in changes if each.variant.name not in partly.get(key, ())]
         used.update(each.used_defaults(), each.used_defaults(taken))  # a stage that a change exchanges has used its own
         made.append(each.configuration(taken))
+        given |= dict.fromkeys(key for key, _ in each.variant.differences)
     check_all_used(file.defaults, used, made, where)
+    given |= dict.fromkeys(f"{table}.{key}" for table, settings in file.defaults.items() for key in settings)
     return tuple(made), [
-        Note(f"{key} is not set in {', '.join(names)}: no such setting there.", NoteKind.PARTLY_SET)
-        for key, names in partly.items()
+        *(
+            Note(f"{key} is not set in {', '.join(names)}: no such setting there.", NoteKind.PARTLY_SET)
+            for key, names in partly.items()
+        ),
+        *(
+            Note(f"{key} has no effect: it counts with {needed}.", NoteKind.PARTLY_SET)
+            for key, needed in _idle(made).items()
+            if key in given
+        ),
     ]
+
+
+def _idle(configurations: Iterable[Configuration]) -> dict[str, str]:
+    """The settings, by dotted key, that have no effect in any configuration, and what each counts with."""
+    idle, counting = dict[str, str](), set[str]()
+    for configuration in configurations:
+        for table, settings in configuration.settings.items():
+            keys = {key: f"{table}.{key}" for key in type(settings).model_fields}
+            idle |= {keys[key]: f"{table}.{needed}" for key, needed in settings.idle.items()}
+            counting.update(keys[key] for key in keys.keys() - settings.idle.keys())
+    return {key: needed for key, needed in idle.items() if key not in counting}
 
 
 def _fitted_notes(

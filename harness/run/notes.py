@@ -17,7 +17,7 @@ class NoteKind(StrEnum):
     DOUBT = auto()
     """The axes, units, labels or names of a clip are in question."""
     PARTLY_SET = auto()
-    """A changed setting has no effect under some configurations."""
+    """A setting that was given has no effect under some configurations, or under all."""
     UNLABELLED = auto()
     """A clip is not scored."""
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from vfoa.settings import Settings
+from vfoa.settings import CountsWith, Settings
 
 
 def _odd(value: int) -> int:
@@ -21,6 +21,14 @@ class BlockMatchingSettings(Settings):
     With ``wls``, a pixel is known if the two views agree and their maps are smooth around it. Without, it is known if
     its match is unique, if the right view has the same match, and if it is not in a speckle.
     """
+
+    counts_with: ClassVar[CountsWith] = {
+        **dict.fromkeys(
+            ("uniqueness_percent", "left_right_px", "speckle_size_px", "speckle_range_px"), ("wls", (False,))
+        ),
+        **dict.fromkeys(("wls_lambda", "wls_sigma", "min_confidence"), ("wls", (True,))),
+        "region_margin_px": ("region", ("needed",)),
+    }
 
     min_depth_m: float = Field(default=0.45, gt=0)
     """Least depth that is searched; it bounds the disparities. Nearer objects are not matched."""
@@ -51,12 +59,14 @@ class BlockMatchingSettings(Settings):
 class BlockMatcherSettings(BlockMatchingSettings):
     """Settings of :class:`vfoa.stereo.block_matching.BlockMatcher`."""
 
+    counts_with: ClassVar[CountsWith] = {**BlockMatchingSettings.counts_with, "texture_threshold": ("wls", (False,))}
+
     block_size_px: Annotated[int, Field(ge=5, le=255), AfterValidator(_odd)] = 15
     """Side of the compared blocks; odd."""
     pre_filter_cap: int = Field(default=31, ge=1, le=63)
     """Greatest horizontal gradient; larger ones are clipped. Gradients are compared instead of gray values."""
     texture_threshold: int = Field(default=10, ge=0)
-    """Least texture of a block that is matched: the sum of its gradients."""
+    """Without ``wls``: least texture of a block that is matched, the sum of its gradients."""
 
 
 class SemiGlobalMatcherSettings(BlockMatchingSettings):

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from vfoa import settings
 from vfoa.errors import VfoaError
 from vfoa.geometry import disparity_from_depth
-from vfoa.settings import Settings
 from vfoa.types import Disparity, StereoFrame
 
 
 class SensorDepth:
     """A matcher that returns the measured depth of each frame, as disparities of the frame's rig."""
 
-    class Settings(Settings):
+    class Settings(settings.Settings):
         """There are no settings."""
 
     def __init__(self, settings: Settings) -> None:

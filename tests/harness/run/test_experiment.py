@@ -340,6 +340,35 @@ def test_an_override_holds_where_the_stage_has_the_setting_and_a_note_names_the_
         load_experiment("demo", overrides=("stereo.moed=hh",))
 
 
+@pytest.mark.parametrize(
+    ("overrides", "idle"),
+    [
+        (["attention.method=bayes", "attention.look_ahead_s=5"], {"attention.look_ahead_s": 'smoothing = "both"'}),
+        (["attention.smoothing=both"], {"attention.smoothing": "weights that use later frames"}),
+        (["gaze_filter.hold=2"], {"gaze_filter.hold": 'cues = "gaze" or "both"'}),
+        (["stereo.matcher=bm", "stereo.texture_threshold=3"], {"stereo.texture_threshold": "wls = false"}),
+        (["stereo.wls=false", "stereo.wls_sigma=2"], {"stereo.wls_sigma": "wls = true"}),
+        (["gaze_filter.hold=2", "gaze_filter.cues=both"], {}),
+        (["attention.method=bayes", "attention.smoothing=both", "attention.look_ahead_s=5"], {}),
+    ],
+)
+def test_a_setting_without_an_effect_is_said(overrides: list[str], idle: dict[str, str]) -> None:
+    experiment = load_experiment("default", clips=("studio_table",), overrides=tuple(overrides))
+    notes = [note.text for note in experiment.notes if note.kind == NoteKind.PARTLY_SET]
+    assert len(notes) == len(idle)
+    for note, (key, needed) in zip(notes, idle.items(), strict=True):
+        assert note.startswith(f"{key} has no effect")
+        assert needed in note
+
+
+def test_a_setting_that_counts_in_one_configuration_is_none_without_an_effect(tmp_path: Path) -> None:
+    given = ("attention.method=bayes", "attention.look_ahead_s=5")
+    grid = '[grid]\n"attention.smoothing" = ["forward", "both"]\n'
+    experiment = load_experiment(_write(tmp_path, HEAD + grid), clips=("studio_table",), overrides=given)
+    assert len(experiment.configurations) == 2
+    assert [note for note in experiment.notes if note.kind == NoteKind.PARTLY_SET] == []
+
+
 def test_an_experiment_says_the_kind_of_its_recordings(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     for kind in ("none", "jpeg"):
