@@ -44,7 +44,8 @@ _WIDTH = 96
 _LEAST_CONTRAST = 1e-3
 _KITTI_2015 = "*_10.png"
 """The frames with ground truth; ``*_11.png`` are the next ones of the same scenes."""
-_TIMES = "timestamps.txt"
+_TIMES = ("timestamps.txt", "times.txt")
+"""Names of a file with the time of each left image, in its folder or the one above: KITTI's, and people's."""
 _DEPTH_WORD = re.compile(r"depth|disp", re.IGNORECASE)
 
 
@@ -142,10 +143,17 @@ def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
     stamps = stamp_unit((*lefts, *rights))
     if stamps is None and not lefts.keys() & rights.keys():
         return
-    times = Path(left).parent / _TIMES  # KITTI's image_02/timestamps.txt beside image_02/data
-    has_times = stamps is None and (root / left).is_dir() and (root / times).is_file()
-    files = PairFiles(left=left, right=right, stamps=stamps, times=times.as_posix() if has_times else None)
-    yield _open(root, files) if stamps is None else _open_stamped(root, files)
+    if stamps is not None:
+        yield _open_stamped(root, PairFiles(left=left, right=right, stamps=stamps))
+        return
+    folders = (Path(left), Path(left).parent) if (root / left).is_dir() else (Path(left).parent,)
+    listed = [(folder / name).as_posix() for folder in folders for name in _TIMES if (root / folder / name).is_file()]
+    try:
+        yield _open(root, PairFiles(left=left, right=right, times=listed[0] if listed else None))
+    except VfoaError as error:
+        if not listed or listed[0] not in str(error):
+            raise
+        raise VfoaError(f"{error} (--set left={left} --set right={right} reads the images without it)") from None
 
 
 def _open_stamped(root: Path, files: PairFiles) -> FoundLayout:

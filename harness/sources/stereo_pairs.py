@@ -6,6 +6,7 @@ import hashlib
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from decimal import Decimal
 from itertools import islice
 from pathlib import Path
 from typing import Literal, Self
@@ -39,6 +40,10 @@ Layout = Literal[
 _SHOWN = 8
 _RATES_DIFFER = 5e-4  # half of the difference between 30 and 29.97 frames per second
 _TIME = re.compile(r"(?:19|20|21)[0-9]{2}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?")
+
+_SECONDS = re.compile(r"[0-9]{1,10}\.[0-9]{0,12}(?:[eE][+-]?[0-9]{1,2})?")
+_UNIT_OF_DIGITS: dict[int, StampUnit] = {10: "s", 13: "ms", 16: "us", 19: "ns"}
+"""The unit of a whole number that is a time since 1970, by its digits."""
 
 
 class ImageFiles:
@@ -220,10 +225,10 @@ class PairFiles(Settings):
 
     ``both`` is the same for files that hold both views. ``stamps``: the numbers in the images' names are times, in this
     unit, and those of a pair may be ``tolerance_ms`` apart; with it, the frames of two videos are paired by their times
-    since the first frames, else by their places. ``times`` is a file with the time of each left image in a
-    line, as in KITTI's raw recordings. ``swap`` exchanges left and right. ``right_offset``: of cameras that were not
-    started together, the frame of ``right`` that was taken with frame 0 of ``left``; -3 if that is frame 3 of ``left``
-    with frame 0 of ``right``.
+    since the first frames, else by their places. ``times`` is a file with the time of each left image in a line: date
+    and time as in KITTI's raw recordings, seconds, or a whole number of ms, us or ns. ``swap`` exchanges left and
+    right. ``right_offset``: of cameras that were not started together, the frame of ``right`` that was taken with frame
+    0 of ``left``; -3 if that is frame 3 of ``left`` with frame 0 of ``right``.
     """
 
     layout: Layout = "images"
@@ -324,27 +329,43 @@ def check_sizes(left: Image, right: Image, left_path: Path, right_path: Path) ->
 
 
 def _read_times(path: Path, lefts: Mapping[int, Path]) -> dict[int, int]:
-    """The time of each left image, ns since 1970, from lines such as ``2011-09-26 13:02:25.964389445``.
+    """The time of each left image, ns, from lines such as ``2011-09-26 13:02:25.964389445``, or of one number each.
+
+    Numbers with a decimal point are seconds; whole numbers s, ms, us or ns since 1970, by their digits. Lines that
+    begin with ``#`` are left out.
 
     Raises
     ------
     VfoaError
         If a line is not a time, times do not ascend, or their number is not that of the images.
     """
-    lines = [line.strip() for line in read_text(path).splitlines() if line.strip()]
-    for number, line in enumerate(lines, start=1):
-        if not _TIME.fullmatch(line):
-            raise VfoaError(
-                f"{path}:{number}: found {line[:60]!r}; expected date and time, such as 2011-09-26 13:02:25.964389445"
-            )
-    with reported_as(path):
-        times_ns = np.array(lines, "datetime64[ns]").astype(np.int64)
-    if (steps := np.diff(times_ns)).min(initial=1) <= 0:
-        number = int(np.argmax(steps <= 0)) + 2
-        raise VfoaError(f"{path}:{number}: {lines[number - 1]!r} is not after the time before it")
+    lines = [
+        (number, text)
+        for number, line in enumerate(read_text(path).splitlines(), start=1)
+        if (text := line.strip()) and not text.startswith("#")
+    ]
+    times_ns = [_line_ns(text, f"{path}:{number}") for number, text in lines]
+    for (number, text), before, time_ns in zip(lines[1:], times_ns, times_ns[1:], strict=False):
+        if time_ns <= before:
+            raise VfoaError(f"{path}:{number}: {text!r} is not after the time before it")
     if len(lines) != len(lefts):
         raise VfoaError(f"{path}: found {len(lines)} times; expected {len(lefts)}, one for each left image")
-    return dict(zip(lefts, times_ns.tolist(), strict=True))
+    return dict(zip(lefts, times_ns, strict=True))
+
+
+def _line_ns(text: str, where: str) -> int:
+    if _TIME.fullmatch(text):
+        with reported_as(where):
+            return int(np.datetime64(text, "ns").astype(np.int64))
+    if _SECONDS.fullmatch(text):
+        return round(Decimal(text) * 10**9)
+    unit = _UNIT_OF_DIGITS.get(len(text))
+    if unit is None or not (text.isascii() and text.isdecimal()):
+        raise VfoaError(
+            f"{where}: found {text[:60]!r}; expected date and time, such as 2011-09-26 13:02:25.964389445, seconds "
+            "with a decimal point, or a whole number of s, ms, us or ns since 1970"
+        )
+    return int(text) * TICKS_NS[unit]
 
 
 def _joined_by_time(

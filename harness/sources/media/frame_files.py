@@ -351,7 +351,10 @@ def _opposite(way: str, side: str, sides: Mapping[str, set[str]]) -> str:
         is_left = number % 2 == 0 or f"{number - 1:0{len(side)}d}" not in sides
         return f"{number + 1:0{len(side)}d}" if is_left else ""
     words = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
-    return words.get(side, "")
+    opposite = words.get(side, "")
+    if opposite in sides:
+        return opposite
+    return next((other for other in sides if other.lower() == opposite.lower()), opposite)  # stereoLeft, stereoright
 
 
 def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:

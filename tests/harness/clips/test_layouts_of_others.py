@@ -198,6 +198,42 @@ def test_kitti_has_the_times_of_its_file(tmp_path: Path) -> None:
             load_manifest("mine").open()
 
 
+TENTHS = (0, 1, 5)
+"""The times of three images in s after the first one, times 10."""
+
+
+@pytest.mark.parametrize(
+    ("place", "lines"),
+    [
+        ("times.txt", [f"{tenths / 10:.6e}" for tenths in TENTHS]),  # KITTI's odometry
+        ("timestamps.txt", ["# time", *(f"{1_718_000_000 + tenths / 10}" for tenths in TENTHS)]),
+        ("left/timestamps.txt", [f"{1_718_000_000_123_456_789 + tenths * 10**8}" for tenths in TENTHS]),
+        ("timestamps.txt", [f"{1_718_000_000_123 + tenths * 100}" for tenths in TENTHS]),
+    ],
+)
+@pytest.mark.parametrize("names", [("left/{}.png", "right/{}.png"), ("left_{}.png", "right_{}.png")])
+def test_a_line_of_time_for_each_image(tmp_path: Path, names: tuple[str, str], place: str, lines: list[str]) -> None:
+    images(tmp_path / "data", *names)
+    if "/" in place and "/" not in names[0]:
+        place = place.rpartition("/")[2]
+    write_text(tmp_path / "data" / place, "\n".join(lines) + "\n")
+    vfoa("add", tmp_path / "data", "--name", "mine", *NUMBERS)
+    clip = load_manifest("mine").open()
+    times_ns = [clip.time_ns(number) for number in clip.frames]
+    assert [time_ns - times_ns[0] for time_ns in times_ns] == [tenths * 10**8 for tenths in TENTHS]
+
+
+@pytest.mark.parametrize(
+    "line", ["0 1718000000.1", "33", "2026-13-45 00:00:00", "1718000000.0\n1718000000.0\n1718000001.0"]
+)
+def test_times_that_cannot_be_read_say_how_to_go_without(tmp_path: Path, line: str) -> None:
+    images(tmp_path / "data", "left/{}.png", "right/{}.png")
+    write_text(tmp_path / "data" / "timestamps.txt", f"{line}\n")
+    said = refused(tmp_path / "data", *NUMBERS)
+    assert "timestamps.txt:" in said
+    assert "--set left=left --set right=right reads the images without it" in said
+
+
 def test_a_pointer_of_git_lfs_says_so(tmp_path: Path) -> None:
     for side in ("left", "right"):
         text = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"

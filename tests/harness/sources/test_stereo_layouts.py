@@ -335,6 +335,13 @@ def test_real_pictures_are_found(shared_data: Path) -> None:
     assert [each.source["right"] for each in street] == ["right.png"]
 
 
+def test_sides_may_differ_in_case() -> None:
+    """A tutorial of OpenCV saves stereoLeft/imageL0.png and stereoright/imageR0.png."""
+    assert pair_names(["a/stereoLeft", "a/stereoright"], numbered=False) == (("a/stereoLeft", "a/stereoright"),)
+    both = ["xLeft", "xright", "xRight"]
+    assert pair_names(both, numbered=False) == (("xLeft", "xRight"),)
+
+
 def test_a_sequence_is_no_pair_of_cameras() -> None:
     assert pair_names([f"image_{n}.png" for n in range(20)], numbered=True) == ()
     assert pair_names(["cam1_view2.png", "bright.png", "upright_1.png"], numbered=True) == ()
