@@ -11,6 +11,7 @@ from typing import NamedTuple
 from harness.report.advice import advice
 from harness.report.factors import compare_factors
 from harness.report.formats import interval_range, percent, shortened
+from harness.run.grid import base_of
 from harness.score.baselines import BASELINES
 from harness.score.comparison import Comparison, compare
 from harness.score.oracle_ablation import without_oracles
@@ -29,8 +30,8 @@ def verdict_lines(scores: Scores) -> list[str]:
     """The result of a run, the answer first, in at most :data:`MOST_LINES` lines of :data:`MOST_CHARACTERS`.
 
     The best configuration over all clips and its interval; whether it beats the best baseline; which differences
-    between configurations are shown, in a grid by factor over all values of the others; what to try next. The oracle
-    ablation is left out. Long names lose their middles.
+    between configurations are shown, in a grid by factor over all values of the others; what to try next, by the errors
+    of the best one. The oracle ablation is left out. Long names lose their middles.
     """
     rows = compared_rows(scores)
     if not rows:
@@ -39,7 +40,7 @@ def verdict_lines(scores: Scores) -> list[str]:
     lines = [_best_line(best, rows), _baseline_line(best)]
     if len(rows) > 1:
         lines += _difference_lines(scores, [row.configuration for row in rows])
-    return [*lines, *_next_lines(scores, MOST_LINES - len(lines))]
+    return [*lines, *_next_lines(scores, best.configuration, is_alone=len(rows) == 1, room=MOST_LINES - len(lines))]
 
 
 def compared_rows(scores: Scores) -> list[ScoreRow]:
@@ -61,7 +62,11 @@ def _best_line(best: ScoreRow, rows: Sequence[ScoreRow]) -> str:
     if math.isnan(best.interval.low):
         return _fitting(_Sentence(f"{rate} (too few looks for an interval).", [best.configuration]))
     ends = f"{interval_range(best.interval, '.0f', 100)} % {_SCOPES[best.interval.unit]}"
-    forms = f"{rate} (95 % confidence: {ends}).", f"{rate} (95 %: {ends}).", f"{short} (95 %: {ends})."
+    briefly = f"{interval_range(best.interval, '.0f', 100)} %"
+    forms = (
+        f"{rate} (95 % confidence: {ends}).",
+        *(f"{begin} (95 %: {end})." for begin, end in ((rate, ends), (short, ends), (short, briefly))),
+    )
     return _fitting(*(_Sentence(form, [best.configuration]) for form in forms))
 
 
@@ -235,19 +240,26 @@ def next_steps(scores: Scores, configurations: Collection[str]) -> list[str]:
     ]
 
 
-def _next_lines(scores: Scores, room: int) -> list[str]:
-    """The most frequent error type and what to try next, in one or two lines; none if nothing is wrong."""
-    counts = _error_types(scores, without_oracles(scores.configurations))
+def _next_lines(scores: Scores, best: str, *, is_alone: bool, room: int) -> list[str]:
+    """The best configuration's most frequent error type and what to try next, in one or two lines.
+
+    Empty if nothing is wrong under it. The others are left out: a grid has tried what would help them.
+    """
+    counts = _error_types(scores, [name for name in scores.configurations if base_of(name) == best])
     if not counts:
         return []
     ((name, count),) = counts.most_common(1)
     steps = advice(name, scores.settings.values(), recorded=scores.is_recorded)
     if room == 1:
-        share = f"{100 * count / counts.total():.0f} % of errors: {name}"
+        share = f"its errors: {100 * count / counts.total():.0f} % {name}"
         return [_fitting(*(_Sentence(f"Next{why}: {{}}.", steps[:1]) for why in (f" ({share})", "")))]
-    why = f"{count} of {counts.total()} wrong frames are {name}: {ERROR_TYPES[name]}."
+    whose, names = ("", []) if is_alone else (" of {}", [best])
+    why = f"{count} of {counts.total()} wrong frames{whose} are {name}: {ERROR_TYPES[name]}."
     fitting = [steps[:number] for number in range(len(steps), 1, -1)]
-    return [why, _fitting(*(_Sentence("Next: {}.", ["; ".join(each)]) for each in (*fitting, steps[:1])))]
+    return [
+        _fitting(_Sentence(why, names)),
+        _fitting(*(_Sentence("Next: {}.", ["; ".join(each)]) for each in (*fitting, steps[:1]))),
+    ]
 
 
 def _error_types(scores: Scores, configurations: Collection[str]) -> Counter[str]:

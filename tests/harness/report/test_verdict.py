@@ -56,7 +56,24 @@ def test_the_answer_comes_first_then_the_baseline_then_each_factor_then_the_next
     assert "simple rule" in baseline
     assert matcher.startswith("stereo.matcher: bm or sgbm, no difference: ")
     assert cones.startswith("attention.cones_cm: two beats one by 20.0 points")
-    assert step.startswith("Next")
+    assert step.startswith("Next (its errors: 100 % missed): ")
+
+
+def test_what_to_try_next_is_told_by_the_errors_of_the_best_configuration() -> None:
+    """A grid of cones has many that are too narrow; wider ones than the best one's would not help it."""
+    truth = ["cup"] * 60
+    narrow = answers([None] * 60, configuration="narrow")
+    best = answers(["cup"] * 58 + ["vase"] * 2, configuration="best")
+    scores = score([*narrow, *best], Reference(labels={"clip": labels(*truth)}))
+    assert [line for line in verdict_lines(scores) if line.startswith("2 of 2 wrong frames of best are ")] != []
+    assert [line for line in verdict_lines(scores) if "no_hit" in line] == []
+
+
+def test_a_name_that_fits_without_the_words_about_its_interval_is_whole() -> None:
+    names = [f"{cones}-of-degrees-and-{weights}" for cones in ("ten", "twelve") for weights in ("gaze", "adaptive")]
+    best, *_ = _said({**dict.fromkeys(names, 0.7), "wide": 0.5})
+    assert "…" not in best
+    assert "ten-of-degrees-and-gaze" in best
 
 
 def test_the_tests_of_the_factors_and_all_steps_are_in_the_tables() -> None:
