@@ -9,9 +9,10 @@ has both images of a frame in a line::
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from decimal import Decimal, InvalidOperation
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -224,13 +225,19 @@ def _depths(path: Path) -> Iterator[tuple[str, Path, list[str]]]:
 
 
 def _patterns(root: Path) -> dict[str, Path]:
-    """Globs, with ``*`` for runs of digits in names, of the files under the root, each with its first file."""
+    """Patterns, with ``*`` for runs of digits in names, of the files under the root, each with its first file."""
     patterns: dict[str, Path] = {}
     for folder, names in walk_files(root, IMAGE_SUFFIXES | DEPTH_SUFFIXES):
         for name in map(Path, names):
             pattern = re.sub(r"\d+(?:\.\d+)?(?=\D*$)|\d+", "*", name.stem) + name.suffix
             patterns.setdefault((folder / pattern).as_posix(), root / folder / name)
-    return patterns
+    return {_of_digits_alone(pattern, patterns): first for pattern, first in patterns.items()}
+
+
+def _of_digits_alone(pattern: str, others: Iterable[str]) -> str:
+    """The glob, as a printf pattern if it also fits other files: ``depth_*`` fits ``depth_colormap_0``."""
+    fits_others = any(other != pattern and fnmatchcase(other.replace("*", "0"), pattern) for other in others)
+    return pattern.replace("*", "%d") if fits_others and pattern.count("*") == 1 else pattern
 
 
 def _is_colour_of(colour: str, depth: str) -> bool:

@@ -133,6 +133,15 @@ def opencv(root: Path) -> Path:
     return root
 
 
+def beside_pictures_of_depth(root: Path) -> Path:
+    """As scripts of a RealSense save: all in one folder, with what they show of the depth."""
+    for n in NUMBERS:
+        write_image(root / f"color_{n}.png", picture(n))
+        write_counts(root / f"depth_{n}.png", n)
+        write_image(root / f"depth_colormap_{n}.png", picture(n))
+    return root
+
+
 TUM_KINDS = ("rgb", "depth")
 
 
@@ -157,6 +166,7 @@ LAYOUTS: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "with Open3D's intrinsics": (open3d, ()),
     "with K.txt": (k_text, ()),
     "with OpenCV's matrix": (opencv, ()),
+    "beside pictures of depth": (beside_pictures_of_depth, OPTIONS),
 }
 
 
