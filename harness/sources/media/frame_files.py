@@ -358,12 +358,21 @@ def _opposite(way: str, side: str, sides: Mapping[str, set[str]]) -> str:
 
 
 def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
-    """The unit of numbers that are times since 1970: today's have 13 digits in ms, 16 in us, 19 in ns."""
-    units: dict[int, StampUnit] = {13: "ms", 16: "us", 19: "ns"}
-    lengths = {len(str(number)) for number in numbers}
-    return units.get(lengths.pop()) if len(lengths) == 1 else None
+    """The unit of numbers that are times since 1970: today's have 10 digits in s, 13 in ms, 16 in us, 19 in ns.
+
+    Ten digits are seconds if they are few apart: a camera's microseconds since it was started may have as many.
+    """
+    units: dict[int, StampUnit] = {10: "s", 13: "ms", 16: "us", 19: "ns"}
+    ascending = sorted(numbers)
+    lengths = {len(str(number)) for number in ascending}
+    unit = units.get(lengths.pop()) if len(lengths) == 1 else None
+    if unit == "s" and not (ascending[-1] < _END_OF_SECONDS and _median_step(ascending) < _FEWEST_TICKS):
+        return None
+    return unit
 
 
+_END_OF_SECONDS = 2**31
+"""Seconds since 1970 are less until 2038."""
 _FEWEST_TICKS = 1000
 """Least step of numbers that count no frames: a second in ms."""
 UNTIMED_HZ = 1 / FRAME_S
@@ -375,11 +384,17 @@ def number_time_ns(number: int, rate_hz: float | None) -> int:
     return round(number * 1e9 / (rate_hz or UNTIMED_HZ))
 
 
+def _median_step(numbers: Sequence[int]) -> float:
+    """The median step of ascending numbers without repetitions; 0 of a single one."""
+    distinct = np.array(sorted(set(numbers)), dtype=np.float64)
+    return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
+
+
 def untimed_note(frames: Sequence[int]) -> tuple[str, ...]:
     """A note on several frames without times and a rate, ascending: what their times are, or that the numbers are."""
     if len(frames) < 2:
         return ()
-    step = float(np.median(np.diff(np.array(frames, dtype=np.float64))))
+    step = _median_step(frames)
     if step < _FEWEST_TICKS:
         return (
             f"frames without times count as {UNTIMED_HZ:g} numbers a second, as in a film: say rate_hz in [source] if "

@@ -198,6 +198,20 @@ def test_kitti_has_the_times_of_its_file(tmp_path: Path) -> None:
             load_manifest("mine").open()
 
 
+@pytest.mark.parametrize(("step", "seconds"), [(3, [0, 3, 6]), (33_333, None)])
+def test_ten_digits_are_seconds_if_they_are_few_apart(tmp_path: Path, step: int, seconds: list[int] | None) -> None:
+    """int(time.time()), or microseconds of a camera's own clock."""
+    for number in (1, 2, 3):
+        stamp = 1_718_000_000 + step * number
+        pair(tmp_path / "data", f"left_{stamp}.png", f"right_{stamp}.png", number)
+    vfoa("add", tmp_path / "data", "--name", "mine", *NUMBERS)
+    clip = load_manifest("mine").open()
+    times_ns = [clip.time_ns(number) for number in clip.frames]
+    if seconds is not None:
+        assert [(time_ns - times_ns[0]) / 1e9 for time_ns in times_ns] == seconds
+    assert any("stamps" in note for note in clip.notes) == (seconds is None)
+
+
 TENTHS = (0, 1, 5)
 """The times of three images in s after the first one, times 10."""
 
