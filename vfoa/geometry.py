@@ -131,6 +131,8 @@ def _frame_of_units(rays: Float) -> Float:
 
 _TINY = 1e-300
 """A length that is lost beside any other: it decides the direction of vectors of length 0."""
+_LESS_TINY = 1e-280
+"""Another one, of offsets: what the first leaves in a direction along an axis does not cancel it."""
 
 
 def _bearing(x: Float, z: Float) -> tuple[Float, Float, Float]:
@@ -237,7 +239,7 @@ def tangent_offsets(directions: Float, others: Float) -> Float:
     (x, y, z), (p, q, r) = directions, others
     level, sine, cosine = _bearing(x, z)
     along = sine * p + cosine * r
-    right, down = np.hypot(level, y) * (cosine * p - sine * r) + _TINY, level * q - y * along
+    right, down = np.hypot(level, y) * (cosine * p - sine * r) + _LESS_TINY, level * q - y * along
     aside = np.hypot(right, down)
     return np.arctan2(aside, y * q + level * along) / aside * np.array([right, down])
 

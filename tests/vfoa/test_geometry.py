@@ -241,6 +241,16 @@ def test_offsets_from_straight_up_and_to_the_opposite_point_right(up):
     np.testing.assert_allclose(tangent_offset((0, up, 0), (0, up, 0)), (0, 0), atol=1e-15)
 
 
+_AXES = [*np.eye(3), *-np.eye(3), (-1e-16, 1.0, 0.0)]
+
+
+@pytest.mark.parametrize(("direction", "other"), list(product(_AXES, _AXES)))
+def test_offsets_between_directions_along_axes_are_known(direction, other):
+    offset = tangent_offset(direction, other)
+    assert math.hypot(*offset) == pytest.approx(angle_between(direction, other), abs=1e-12)
+    np.testing.assert_allclose(perturb(direction, *offset), other, atol=1e-12)
+
+
 @given(SEEDS, st.floats(0, 1.5))
 def test_a_share_of_the_way_is_that_share_of_the_angle_in_the_same_plane(seed, share):
     start, *ends = unit(vectors(seed, 5))

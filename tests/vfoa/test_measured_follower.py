@@ -42,6 +42,17 @@ def test_a_person_looks_at_what_the_gaze_points_to() -> None:
         assert str(look).startswith(f"anna looks at {target} (attention ")
 
 
+@pytest.mark.parametrize("settings", [{}, {"attention.method": "bayes"}, {"gaze_filter.cues": "both"}])
+@pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3)])
+def test_a_person_may_look_exactly_along_an_axis(settings: dict[str, str], axis: Float) -> None:
+    follower, eyes = vfoa.MeasuredFollower(settings), np.array([2.0, 2.0, 4.0])
+    for _ in range(3):
+        seen = {"anna": Observed(eyes_m=eyes, gaze=axis, head=axis)}
+        (look,) = follower.step(seen, {"cup": eyes + axis, "book": eyes - axis, "pen": eyes + np.roll(axis, 1)})
+    assert look.target == "cup"
+    assert sum(look.values.values()) <= 1 + 1e-9
+
+
 def test_people_look_at_each_other_in_the_order_given() -> None:
     ben = np.add(EYES, (1.0, 0.0, 0.0))
     looks = vfoa.MeasuredFollower().step(
