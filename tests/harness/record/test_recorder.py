@@ -382,6 +382,18 @@ def test_the_encoder_delays_packets_but_keeps_their_order_and_the_key_frames(key
             assert np.abs(shown - np.roll(smooth, 7 * position, axis=1)).mean() < 6
 
 
+@pytest.mark.parametrize(("height", "rows"), [(64, 64), (109, 112), (110, 112), (370, 372)])
+def test_a_video_has_a_height_of_which_the_viewer_draws_all_colours_in_their_rows(height: int, rows: int) -> None:
+    """Rerun's native viewer takes the second plane of colour to begin in a whole row of the first one's brightness."""
+    image = np.full((height, 97, 3), 50, np.uint8)
+    image[-1], image[:, -1] = 200, 200
+    encoder = VideoEncoder(97, height, 5)
+    (shown,) = _decoded(data for _, data in [*encoder.encode(image), *encoder.finish()])
+    assert shown.shape == (rows, 98, 3)
+    continued = np.pad(image, ((0, rows - height), (0, 1), (0, 0)), mode="edge")
+    assert np.abs(shown - continued).mean() < 6
+
+
 def test_a_video_states_how_its_colours_are_coded():
     """Of a video that states nothing, Rerun's viewer takes BT.709, and FFmpeg BT.601."""
     encoder = VideoEncoder(96, 64, 5)
