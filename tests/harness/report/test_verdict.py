@@ -69,6 +69,15 @@ def test_what_to_try_next_is_told_by_the_errors_of_the_best_configuration() -> N
     assert [line for line in verdict_lines(scores) if "no_hit" in line] == []
 
 
+def test_the_errors_of_the_best_are_told_without_its_name_if_that_does_not_fit() -> None:
+    truth = ["cup"] * 60
+    given = {"sgbm-c5-adaptive-filtered": ["cup"] * 40 + ["vase"] * 20, "bm": ["vase"] * 60}
+    records = [record for name, each in given.items() for record in answers(each, configuration=name)]
+    said = verdict_lines(score(records, Reference(labels={"clip": labels(*truth)})))
+    assert [line for line in said if line.startswith("Errors of the best: 20 of 20 missed: ")] != []
+    assert [line for line in said if "…" in line or len(line) > MOST_CHARACTERS] == []
+
+
 def test_a_name_that_fits_without_the_words_about_its_interval_is_whole() -> None:
     names = [f"{cones}-of-degrees-and-{weights}" for cones in ("ten", "twelve") for weights in ("gaze", "adaptive")]
     best, *_ = _said({**dict.fromkeys(names, 0.7), "wide": 0.5})
