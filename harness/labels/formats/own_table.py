@@ -41,6 +41,7 @@ from harness.labels.formats.table_times import (
     time_ms_of,
     until_next,
     whole_of,
+    without_times,
 )
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
 from harness.labels.rows import check_ends, check_sequence, check_text
@@ -70,6 +71,36 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "time_ns": ("time_ns", "timestamp_ns", "stamp_ns"),
 }
 """The names of each column, as :func:`plain_name` has them."""
+FURTHER_COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "subject": ("person_id", "person_name", "subject_id", "subject_name", "participant_id"),
+    "target": (
+        *("looking_at", "look_at", "gaze_at", "attention_target", "look_target", "gaze_label"),
+        *("target_name", "object_name"),
+    ),
+    "frame": ("frame_idx", "frame_id", "frame_no", "frame_num", "frame_nr"),
+    "start_s": (
+        "start_timestamp",
+        "start_seconds",
+        "start_time_sec",
+        "onset_sec",
+        "onset_time",
+        "t_start",
+        "time_start",
+    ),
+    "end_s": (
+        "end_timestamp",
+        "end_seconds",
+        "end_time_sec",
+        "offset_sec",
+        "offset_time",
+        "t_end",
+        "time_end",
+        "finish",
+    ),
+    "duration_s": ("duration_seconds",),
+    "time_s": ("timestamp_sec", "timestamp_seconds", "time_seconds", "seconds", "t"),
+}
+"""Names that count where no column has one of the others."""
 
 _PLACES = (
     *(("start_s", "end_s"), ("start_ms", "end_ms"), ("start_ns", "end_ns"), ("first_frame", "last_frame")),
@@ -109,6 +140,8 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
         columns = _without_ends(columns, lines, f"{path}:{line}")
     elif columns.keys() & {*_MOMENTS}:
         columns = _without_empty(columns, lines, _DURATIONS)
+    columns, times = without_times(columns, lines, exchange, path)
+    left_out += [header[at] for at in times]
     place = _place(columns, left_out, f"{path}:{line}", _ONSETS if exchange.until_next else _PLACES)
     if len(place) == 1:
         left_out += [header[columns[column]] for column in _DURATIONS if column in columns]
@@ -177,7 +210,7 @@ def _of_recording(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequen
     if exchange.observation is not None:
         check_known(exchange.observation, recordings, f"{path}: --observation: no recording")
         return [rows[0], *(row for row in lines if place is not None and row[1][place] == exchange.observation)]
-    subject = next((at for at, name in enumerate(header) if _column(name) == "subject"), None)
+    subject = next((at for at, column in enumerate(_meant(header)) if column == "subject"), None)
     pairs = {("" if subject is None else cells[subject], name) for name, cells in named}
     if len(pairs) > len({person for person, _ in pairs}):
         raise VfoaError(
@@ -191,7 +224,7 @@ def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:
     """Rows with a subject and a target each, of those with a column for each subject; others as they are."""
     (line, header), *lines = rows
     subjects = [place for place, name in enumerate(header) if exchange.names.translate(name) in exchange.subjects]
-    if not subjects or {"subject", "target"} & {_column(name) for name in header}:
+    if not subjects or {"subject", "target"} & {*_meant(header)}:
         return rows
     others = [place for place in range(len(header)) if place not in subjects]
     return [
@@ -207,7 +240,7 @@ def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:
 def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[Row]:
     """Rows with a target each, of those with a column of 0 and 1 for each target; others as they are."""
     header = rows[0][1]
-    if "target" in {_column(name) for name in header}:
+    if "target" in _meant(header):
         return rows
     known = {*exchange.targets, *exchange.subjects, ""}
     areas = {place: area for place, name in enumerate(header) if (area := area_of(name))}
@@ -219,8 +252,8 @@ def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[
 def _columns(header: Sequence[str], where: str) -> tuple[dict[str, int], list[str]]:
     """The position of each known column, and the names of the others."""
     found, left_out = dict[str, int](), list[str]()
-    for at, name in enumerate(header):
-        if (column := _column(name)) is None:
+    for at, (name, column) in enumerate(zip(header, _meant(header), strict=True)):
+        if column is None:
             left_out.append(name)
         elif column in found:
             raise VfoaError(f"{where}: {header[found[column]]} and {name} both are {column}; expected one of them")
@@ -229,14 +262,22 @@ def _columns(header: Sequence[str], where: str) -> tuple[dict[str, int], list[st
     if "target" not in found:
         raise VfoaError(
             f"{where}: found {', '.join(header)[:120]}; expected a column of targets ({', '.join(COLUMNS['target'])}), "
-            "or one for each person"
+            "or one for each person, or object of 0 and 1 (--rename COLUMN=NAME)"
         )
     return found, left_out
 
 
-def _column(name: str) -> str | None:
-    """The column that is meant by a name; None for any other."""
-    return next((column for column, names in COLUMNS.items() if plain_name(name) in names), None)
+def _meant(header: Sequence[str]) -> list[str | None]:
+    """The column that is meant by each name; None for any other."""
+    meant = [_column(name, COLUMNS) for name in header]
+    for at, name in enumerate(header):
+        if meant[at] is None and (column := _column(name, FURTHER_COLUMNS)) not in meant:
+            meant[at] = column
+    return meant
+
+
+def _column(name: str, columns: Mapping[str, tuple[str, ...]]) -> str | None:
+    return next((column for column, names in columns.items() if plain_name(name) in names), None)
 
 
 def _row(cells: Sequence[str], columns: Mapping[str, int], where: str) -> Cells:

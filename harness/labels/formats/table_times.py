@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import statistics
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +19,7 @@ Cells = tuple[str, Mapping[str, str]]
 """The place of a row, and its cells by column."""
 
 MS_PER_UNIT = {"start_s": 1000.0, "start_ms": 1.0, "time_s": 1000.0, "time_ms": 1.0, "time_us": 1e-3}
-_CLOCK = re.compile(r"(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:[.,][0-9]+)?)")
+_CLOCK = re.compile(r"(?:0 days )?(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:[.,][0-9]+)?)")
 _NUMBER = re.compile(r"-?(?:[0-9]{1,16}(?:\.[0-9]*)?|\.[0-9]+)")
 
 UNITS = ("s", "sec", "seconds", "ms", "us", "ns", "frame", "frames")
@@ -77,7 +78,7 @@ def _numbers(rows: Sequence[Cells], place: Sequence[str]) -> list[str]:
 
 
 def time_ms_of(cell: str, where: str, *, unit_ms: float) -> float:
-    """A time in milliseconds, of a number in a unit or ``h:mm:ss``; raises with its place."""
+    """Milliseconds, of a number in a unit or ``h:mm:ss`` (of pandas, ``0 days h:mm:ss``); raises with its place."""
     if clock := _CLOCK.fullmatch(cell):
         hours, minutes, seconds = clock.groups()
         return 1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(seconds.replace(",", ".")))
@@ -88,9 +89,97 @@ def time_ms_of(cell: str, where: str, *, unit_ms: float) -> float:
 
 def whole_of(cell: str, where: str, what: str = "the number of a frame") -> int:
     """A whole number; raises with its place."""
-    if (number := whole_number(cell)) is None:
+    if (number := _frame_number(cell)) is None:
         raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected {what}")
     return number
+
+
+def _frame_number(cell: str) -> int | None:
+    """A whole number, which pandas may have as ``12.0``."""
+    return whole_number(cell.removesuffix(".0"))
+
+
+# Frames with times beside them, which scripts save
+
+
+_PLACES_OF_FRAMES = (("first_frame", "last_frame"), ("frame",), ("first_frame",))
+_BEGINNINGS = ("start_s", "start_ms", "start_ns", "time_s", "time_ms", "time_us", "time_ns")
+_TIMES = ("_s", "_ms", "_us", "_ns")
+"""Ends of the names of columns of times."""
+
+
+def without_times(
+    columns: Mapping[str, int], lines: Sequence[tuple[int, Sequence[str]]], exchange: Exchange, path: Path
+) -> tuple[dict[str, int], list[int]]:
+    """The columns without those of times beside frames, which say the same, and the places of these.
+
+    The clock of the times may be another one than the clip's; times that cannot be read do not count. Times with an end
+    beside a frame without one are kept.
+
+    Raises
+    ------
+    VfoaError
+        If rows are at other times than their frames are in the clip.
+    """
+    place = next((place for place in _PLACES_OF_FRAMES if columns.keys() >= {*place}), None)
+    times = [name for name in columns if name.endswith(_TIMES)]
+    begin = next((name for name in _BEGINNINGS if name in times), None)
+    if place is None or begin is None or (len(place) == 1 < len(times)):
+        return dict(columns), []
+    clip_ns = _times_of_frames(exchange, is_ns=begin.endswith("_ns"))
+    try:
+        apart = [
+            (line, cells[columns[place[0]]], _ns(cells[columns[begin]], begin) - clip_ns[number])
+            for line, cells in lines
+            if (number := _frame_number(cells[columns[place[0]]])) in clip_ns and not is_missing(cells[columns[begin]])
+        ]
+    except VfoaError:
+        apart = []
+    if apart:
+        _check_apart(apart, (place[0], begin), clip_ns, path)
+    return {name: at for name, at in columns.items() if name not in times}, [columns[name] for name in times]
+
+
+def _times_of_frames(exchange: Exchange, *, is_ns: bool) -> Mapping[int | None, float]:
+    """The time of each frame in the other program, ns, by the number that a table has for it; empty without a rate.
+
+    ``is_ns``: nanoseconds are of the clip's own clock, if no offset says another.
+    """
+    if exchange.fps is not None:
+        return {number: number * 1e9 / exchange.fps for number in range(len(exchange.frames))}
+    if exchange.rate_hz is None:
+        return {}
+    times_ns = exchange.timeline.times_ns
+    own_ns = 0.0 if is_ns and exchange.offset is None else 1e9 * (exchange.offset or 0.0) - next(iter(times_ns), 0)
+    return dict(zip(exchange.frames, (own_ns + time_ns for time_ns in times_ns), strict=False))
+
+
+def _ns(cell: str, column: str) -> float:
+    if column.endswith("_ns"):
+        return whole_of(cell, column)
+    return MS * time_ms_of(cell, column, unit_ms=MS_PER_UNIT[column])
+
+
+def _check_apart(
+    apart: Sequence[tuple[int, str, float]], names: tuple[str, str], clip_ns: Mapping[int | None, float], path: Path
+) -> None:
+    """Reject rows whose frames are further apart in the clip than in time, or all of them at a slightly other time."""
+    times_ns = [*clip_ns.values()]
+    step_ns = statistics.median(after - before for before, after in pairwise(times_ns)) if len(times_ns) > 1 else 1e9
+    usual = statistics.median(off for *_, off in apart)
+    line, frame, off = max(apart, key=lambda each: abs(each[2] - usual))
+    both = f"{path}:{line}: {' and '.join(names)}"
+    if abs(off - usual) > step_ns:
+        raise VfoaError(
+            f"{both}: frame {frame} is {abs(off - usual) / 1e9:.3g} s {'later' if off > usual else 'earlier'} in time "
+            "than in the clip, beside the other rows; expected one of the two columns"
+        )
+    if step_ns / 2 < abs(usual) <= times_ns[-1] - times_ns[0] + step_ns:  # else of another clock
+        raise VfoaError(
+            f"{both}: rows are {abs(usual) / 1e9:.3g} s {'later' if usual > 0 else 'earlier'} in time than their "
+            "frames in the clip (median); expected one of the two columns (frames of another program, from 0: --fps "
+            "RATE; another beginning: --offset)"
+        )
 
 
 # Rows that have a beginning alone: each holds until the next one of its person

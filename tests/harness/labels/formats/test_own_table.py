@@ -11,7 +11,7 @@ from hypothesis import given
 from harness.labels.formats import FORMATS
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
-from harness.labels.formats.own_table import COLUMNS, OwnTable
+from harness.labels.formats.own_table import COLUMNS, FURTHER_COLUMNS, OwnTable
 from harness.labels.labels import LabelRange, Labels, timeline_of
 from tests.disk import write_text
 from tests.exchanges import PlainClip, exchange, labels_of, row
@@ -62,6 +62,70 @@ def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> tu
 )  # fmt: skip
 def test_every_way_to_say_where_a_row_holds_gives_the_same_labels(tmp_path: Path, text: str) -> None:
     assert _read(tmp_path, text) == (EXPECTED, ())
+
+
+def _row_of_each_frame(columns: str, cells: str, first: int = 1) -> str:
+    """A table as pandas writes it; ``cells`` has fields for a row's frame and time."""
+    lines = [cells.format(n=n + first, s=n / 10, epoch_ms=1_718_000_000_000 + 100 * n) for n in range(5)]
+    looks = ["bird", "bird", "none", "none", "none"]
+    rows = [f"{n},girl,{look},{line}" for n, (look, line) in enumerate(zip(looks, lines, strict=True))]
+    return "\n".join([f",person_id,looking_at,{columns}", *rows, "5,boy,girl," + lines[1]]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("columns", "cells"),
+    [
+        ("frame_idx", "{n}"),
+        ("frame_idx", "{n}.0"),
+        ("frame,timestamp", "{n},{s}"),
+        ("frame,timestamp_ms", "{n},{epoch_ms}"),
+        ("frame_id,time", "{n},2024-06-10 08:13:20"),
+        ("timestamp_sec", "{s}"),
+        ("time", "0 days 00:00:0{s}00000"),
+    ],
+)
+def test_what_scripts_save_for_each_frame_is_read(tmp_path: Path, columns: str, cells: str) -> None:
+    """Frames with times beside them, of the clip's clock or another, which say the same."""
+    labels, notes = _read(tmp_path, _row_of_each_frame(columns, cells))
+    assert labels == EXPECTED
+    assert [note for note in notes if "not read" in note] == [
+        f"{tmp_path / 'mine.csv'}: columns that are not read: {time}." for time in columns.split(",")[1:]
+    ]
+
+
+def test_spans_of_frames_and_of_times_say_the_same(tmp_path: Path) -> None:
+    header = "person,label,start_frame,end_frame,start_time,end_time,duration\n"
+    rows = "girl,bird,1,2,0,0.2,0.2\ngirl,none,3,5,0.2,0.5,0.3\nboy,girl,2,2,0.1,0.2,0.1\n"
+    assert _read(tmp_path, header + rows)[0] == EXPECTED
+
+
+@pytest.mark.parametrize(
+    ("columns", "cells", "first", "options", "message"),
+    [
+        ("frame,time_s", "{n},{s}", 0, {}, r"csv:3: frame and time_s: rows are 0\.1 s later in time"),
+        ("frame,time_s", "{n},1{s}", 1, {"offset": 9.9}, r"rows are 0\.1 s later in time"),
+        ("frame,time_ms", "{n},{n}000", 1, {}, r"csv:6: frame and time_ms: frame 5 is 2\.25 s later in time"),
+        ("frame,start,end", "{n},{s},{s}", 1, {}, r"found start_s and end_s and of frame"),
+    ],
+)
+def test_frames_that_are_at_other_times_than_beside_them_are_refused(
+    tmp_path: Path, columns: str, cells: str, first: int, options: dict[str, float], message: str
+) -> None:
+    with pytest.raises(VfoaError, match=message):
+        _read(tmp_path, _row_of_each_frame(columns, cells, first), **options)
+
+
+def test_times_beside_frames_do_not_count_if_the_clip_has_no_rate(tmp_path: Path) -> None:
+    clip = PlainClip(frames=range(1, 6), rate_hz=None)
+    assert _read(tmp_path, _row_of_each_frame("frame,time_s", "{n},{s}"), clip)[0] == EXPECTED
+
+
+def test_frames_of_another_program_may_have_times_beside_them(tmp_path: Path) -> None:
+    alone, beside = (
+        _read(tmp_path, _row_of_each_frame(columns, cells, 0), fps=10.0)[0]
+        for columns, cells in (("frame", "{n}"), ("frame,time_s", "{n},{s}"))
+    )
+    assert alone == beside
 
 
 def test_a_duration_that_is_not_read_is_named(tmp_path: Path) -> None:
@@ -479,7 +543,7 @@ def test_it_cannot_be_written_and_the_own_format_names_it(tmp_path: Path) -> Non
 
 
 def test_no_name_stands_for_two_columns() -> None:
-    names = [name for column in COLUMNS.values() for name in column]
+    names = [name for columns in (COLUMNS, FURTHER_COLUMNS) for column in columns.values() for name in column]
     assert len(names) == len({*names})
 
 
