@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 PRESET = "preset"
 """The only key of a configuration, beside its name, that is not in a table."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]*")
+ORACLE_STEPS = ("disparity", "instances", "heads", "head_pose", "gaze")
+"""What the ground truth can replace, in the order of the pipeline: ``sgbm-one+disparity`` is a step of the ablation."""
 _SEED = re.compile(r"\.seed\d+(?=\+|$)")
 
 
@@ -36,8 +38,8 @@ def variants(
     configurations: Sequence[Mapping[str, Any]],
     where: str,
     is_setting: Callable[[str, str], bool],
-) -> Iterator[Variant]:
-    """Yield every combination of a grid, or every named configuration.
+) -> list[Variant]:
+    """Return every combination of a grid, or every named configuration.
 
     ``is_setting`` says whether a table can have a setting.
 
@@ -48,12 +50,33 @@ def variants(
     """
     if grid and configurations:
         raise VfoaError(f"{where}: expected either [grid] or [[configuration]], found both")
-    if configurations:
-        yield from _named(configurations, where)
-        return
+    found = [*(_named(configurations, where) if configurations else _combined(grid, where, is_setting))]
+    names = {each.name for each in found}
+    for name in names:
+        before, _, step = name.rpartition("+")
+        if base_of(name) != name:
+            raise VfoaError(
+                f"{where}: configuration {name!r}: expected no name of a seed: seeds = 20 makes and names them"
+            )
+        if before in names and step in ORACLE_STEPS:
+            raise VfoaError(
+                f"{where}: configuration {name!r}: expected another name beside {before!r}: --oracle gives this one to "
+                f"{before!r} with the true {step}"
+            )
+    return found
+
+
+def _combined(grid: Mapping[str, Any], where: str, is_setting: Callable[[str, str], bool]) -> Iterator[Variant]:
     axes = [_alternatives(key, values, where) for key, values in _dotted(grid, where, is_setting)]
+    seen: set[str] = set()
     for combination in itertools.product(*axes):
         name = "-".join(label for label, _, _ in combination) or "default"
+        if name in seen:
+            raise VfoaError(
+                f"{where}: grid: two combinations are called {name!r}; expected each value once, or other names for "
+                "them: { one = [10], two = [10, 25] }"
+            )
+        seen.add(name)
         factors = {key: label for label, key, _ in combination}
         differences = (difference for _, key, value in combination for difference in flattened({key: value}))
         yield _variant(name, where, factors, differences)

@@ -16,9 +16,10 @@ from harness.report.stages import pooled_measures
 from harness.report.write import rescore
 from harness.run.columns import OF_DISPARITY, OF_PERSON, MeasureColumns
 from harness.run.experiment import load_experiment
+from harness.run.grid import ORACLE_STEPS
 from harness.run.notes import Note
 from harness.run.runner import prepare, run_plan
-from harness.score.oracle_ablation import steps, with_oracle_ablation
+from harness.score.oracle_ablation import REPLACEMENTS, steps, with_oracle_ablation
 from harness.score.reference import Reference
 from harness.score.statistics import NO_INTERVAL
 from harness.sources import PersonTruth, Truth
@@ -46,6 +47,10 @@ def test_each_step_replaces_one_stage_more_and_leaves_the_rest() -> None:
     assert [configuration for configuration in ablated.configurations if "+" not in configuration.name] == list(
         base.configurations
     )
+
+
+def test_the_names_of_steps_are_those_that_no_configuration_has_beside_another() -> None:
+    assert tuple(REPLACEMENTS) == ORACLE_STEPS
 
 
 def test_a_ladder_with_nothing_to_replace_is_an_error(tmp_path: Path) -> None:
