@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from harness.files.ascending import numbers_per_second
 from harness.files.parsing import flattened
 from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
@@ -28,6 +28,7 @@ from harness.report.page.packing import (
 from harness.report.thumbnails import Thumbnails
 from harness.run.columns import UNKNOWN as UNKNOWN_WORD
 from harness.run.directory import Pair
+from harness.run.manifest import ClipOfRun
 from harness.score.judged_subjects import JudgedSubject
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
@@ -98,20 +99,21 @@ def page_data(
     attention: RunAttention,
     thumbnails: Thumbnails,
     served: Served | None,
-    rates_hz: Mapping[str, float | None],
+    clips_of_run: Mapping[str, ClipOfRun],
     run_folder: str,
     names_of: Mapping[str, Sequence[str]],
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the data object, and packs by name.
 
-    ``names_of`` a clip are those of its manifest, in the order of their colours.
+    ``clips_of_run`` give the times of frames; ``names_of`` a clip are those of its manifest, in the order of their
+    colours.
 
     The object, read by ``store.js``::
 
         states, letters, error_types   states of a frame; words for each
         names                          targets and answers; elsewhere numbers stand for them, -1 for none
         configurations                 {name, oracle: whether it is a step of the oracle ablation}
-        clips                          {name, subjects, frames, per_second: frame numbers in a second, or null}
+        clips                          {name, subjects, frames: their number}
         stride                         attention is here for every ``stride``-th frame
         is_recorded                    whether the run has recordings
         run, recordings                of a served page: the directory; recordings by clip and configuration; else null
@@ -137,15 +139,14 @@ def page_data(
     for number, clip in enumerate(scores.clips):
         subjects = by_clip.get(clip, {})
         colours = target_colours(attention, clip, names_of.get(clip, ()))
-        track = _clip_data(clip, subjects, numbers, names, attention, colours)
+        track = _clip_data(clip, subjects, numbers, names, attention, colours, clips_of_run.get(clip))
         packs[f"clip-{number}"] = pack_json(track)
         if values[clip]:
             packs[f"attention-{number}"] = values[clip]
         if pictures := _pictures(clip, subjects, numbers, thumbnails):
             packs[f"pictures-{number}"] = pack_json(pictures)
-        frames = sorted({frame for judged in subjects.values() for frame in frames_of(judged).tolist()})
-        per_second = numbers_per_second(frames, rates_hz.get(clip))
-        clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames), "per_second": per_second})
+        frames = {frame for judged in subjects.values() for frame in frames_of(judged).tolist()}
+        clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames)})
     rows = scores.by_clip()
     places = {clip: number for number, clip in enumerate(scores.clips)}
     packs["rows"] = pack_json([_row(row, places, scored) for row in rows if row.clip is not None])
@@ -200,10 +201,12 @@ def _clip_data(
     names: NameCodes,
     attention: RunAttention,
     colours: Colours,
+    of_run: ClipOfRun | None,
 ) -> dict[str, Any]:
     """A clip's timelines, and the colours of its targets as CSS by number of the name.
 
-    A track is a subject: ``frames`` are numbers as :func:`harness.report.page.packing.steps` codes them, ``truth`` and
+    A track is a subject: ``frames`` are numbers as :func:`harness.report.page.packing.steps` codes them, ``tenths``
+    their times, in tenths of a second since the clip's first frame (empty if the run has no times), ``truth`` and
     each configuration's ``states``, ``predicted`` and ``answers`` are run-length codes over them. ``predicted`` is the
     target that was predicted, ``answers`` the column of the confusion, ``confidence`` the probability of what was
     predicted in percent, -1 without one. ``attended`` are the targets with values.
@@ -231,9 +234,24 @@ def _clip_data(
                 }
             )
         tracks.append(
-            {"subject": subject, "frames": steps(frames), "truth": runs(truth), "configurations": configurations}
+            {
+                "subject": subject,
+                "frames": steps(frames),
+                "tenths": steps(_tenths(frames, of_run)),
+                "truth": runs(truth),
+                "configurations": configurations,
+            }
         )
     return {"tracks": tracks, "colours": _colours(colours, tracks, names)}
+
+
+def _tenths(frames: NDArray[np.int64], of_run: ClipOfRun | None) -> Codes:
+    """The times of frames, tenths of a second since the clip's first frame; none if the run has no times."""
+    if of_run is None or not of_run.times_ns:
+        return np.zeros(0, dtype=np.intp)
+    times_ns = np.array(of_run.times_ns, dtype=np.int64)
+    places = np.searchsorted(np.array(of_run.frames, dtype=np.int64), frames)
+    return np.rint((times_ns[places] - times_ns[0]) / 1e8).astype(np.intp)
 
 
 def _numbered(verdicts: SubjectVerdicts, names: NameCodes) -> Codes:

@@ -78,12 +78,12 @@ def render_page(
     names_now
         The present names of renamed targets, by clip and name in the results.
     """
-    rates = {clip.name: clip.rate_hz for clip in manifest.clips}
+    clips = {clip.name: clip for clip in manifest.clips}
     names_of = {
         clip.name: [names_now.get(clip.name, {}).get(name, name) for name in (*clip.targets, *clip.subjects)]
         for clip in manifest.clips
     }
-    data, packs = page_data(scores, attention, thumbnails, served, rates, run_folder, names_of)
+    data, packs = page_data(scores, attention, thumbnails, served, clips, run_folder, names_of)
     panels = draw_panels(scores)
     differing = differing_settings(manifest.configurations)
     groups, shown = _numbered(

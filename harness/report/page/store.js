@@ -15,15 +15,15 @@ function expanded(runs, length) {
   return values;
 }
 
-// As texts: time stamps have more digits than a number of JavaScript.
-function frameNumbers([first, ...runs]) {
-  let frame = BigInt(first);
-  const frames = [first];
+// Numbers by their steps, as texts: time stamps have more digits than a number of JavaScript.
+function summed([first, ...runs]) {
+  let number = BigInt(first);
+  const numbers = [first];
   for (let i = 0; i < runs.length; i += 2) {
     const step = BigInt(runs[i]);
-    for (let k = 0; k < runs[i + 1]; k += 1) frames.push(String((frame += step)));
+    for (let k = 0; k < runs[i + 1]; k += 1) numbers.push(String((number += step)));
   }
-  return frames;
+  return numbers;
 }
 
 // A clip's tracks, one for each subject. Each has lanes, one for each configuration; `values` of a lane are there when
@@ -31,7 +31,7 @@ function frameNumbers([first, ...runs]) {
 export const clipTracks = (number) => once(`tracks ${number}`, async () => {
   const { tracks, colours } = await packedJson(`clip-${number}`);
   return tracks.map((track) => {
-    const frames = frameNumbers(track.frames);
+    const frames = summed(track.frames);
     const lanes = track.configurations.map((each) => ({
       ...each,
       name: data.configurations[each.configuration].name,
@@ -42,8 +42,9 @@ export const clipTracks = (number) => once(`tracks ${number}`, async () => {
       confidence: expanded(each.confidence, frames.length),
       values: null,
     }));
+    const tenths = track.tenths.length ? summed(track.tenths) : null;
     const place = new Map(frames.map((frame, i) => [frame, i]));
-    return { clip: number, subject: track.subject, frames, place, truth: expanded(track.truth, frames.length), lanes, colours };
+    return { clip: number, subject: track.subject, frames, tenths, place, truth: expanded(track.truth, frames.length), lanes, colours };
   });
 });
 

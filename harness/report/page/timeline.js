@@ -23,7 +23,7 @@ function arrange() {
   const { track } = shown;
   view.count = track.frames.length;
   const below = isScored(track) ? [truthLane(track), ...strips().map(stripLane)] : strips().map((lane) => answersLane(track, lane));
-  lanes = [axisLane(track, data.clips[track.clip].per_second), ...below];
+  lanes = [axisLane(track), ...below];
   redraw();
 }
 

@@ -17,11 +17,10 @@ export function framesAt({ count, left, width }, x) {
   return [first, Math.min(isCrowded({ count, width }) ? Math.ceil(end) : first + 1, count)];
 }
 
-// The numbers of the frames, and the seconds from the first one where it is known how many numbers a second has.
-export function axisLane(track, perSecond) {
-  const secondsTo = (frame) => Number(BigInt(frame) - BigInt(track.frames[0])) / perSecond;
+// The numbers of the frames, and their times in seconds since the clip's first one, if the run has them.
+export function axisLane(track) {
   return {
-    height: perSecond ? 30 : 18, label: "Frame",
+    height: track.tenths ? 30 : 18, label: "Frame",
     draw(pen, view, top, colours) {
       const places = new Set(ticks(0, view.count, Math.max(2, view.width / 90)).map(Math.round));
       for (const i of places) {
@@ -30,7 +29,7 @@ export function axisLane(track, perSecond) {
         pen.rect(x - 0.5, top + 1, 1, 4, colours.of("soft"));
         const align = x < view.left + 16 ? "left" : x > view.left + view.width - 16 ? "right" : "center";
         pen.text(x, top + 15, track.frames[i], colours.of("soft"), { align, size: 11 });
-        if (perSecond) pen.text(x, top + 27, `${secondsTo(track.frames[i]).toFixed(1)} s`, colours.of("soft"), { align, size: 10 });
+        if (track.tenths) pen.text(x, top + 27, `${(track.tenths[i] / 10).toFixed(1)} s`, colours.of("soft"), { align, size: 10 });
       }
     },
   };

@@ -84,14 +84,18 @@ def test_runs_and_steps_say_what_was_coded() -> None:
     assert runs(values[:0]) == steps(frames[:0]) == []
 
 
-@pytest.mark.parametrize(("first", "step", "per_second"), [(1, 1, 25.0), (0, 8, 200.0), (10**18, 40_000_000, 1e9)])
-def test_a_page_knows_how_many_frame_numbers_a_second_has(first: int, step: int, per_second: float) -> None:
-    """Counted ones, every eighth of counted ones, and time stamps, at 25 frames per second."""
-    records = [replace(record, frame=first + step * at) for at, record in enumerate(answers(["cup"] * 4))]
+@pytest.mark.parametrize(("first", "step"), [(1, 1), (0, 8), (10**18, 40_000_000)])
+def test_a_page_has_the_times_of_frames_whatever_they_are_numbered_by(first: int, step: int) -> None:
+    """A recording paused for 20 s, and its first frame has no label: times are those of the clip all the same."""
+    frames = [first + step * at for at in range(5)]
+    times_ns = [10**18 + int(1e9 * time_s) for time_s in (0, 0.04, 0.08, 20.12, 20.16)]
+    records = [replace(record, frame=frame) for frame, record in zip(frames[1:], answers(["cup"] * 4), strict=True)]
     scores, tables, attention, _ = _scored(records, {})
-    clip = ClipOfRun(name="clip", licence=None, frames=[], rate_hz=25.0)
+    clip = ClipOfRun(name="clip", frames=frames, times_ns=times_ns, rate_hz=25.0)
     page = _Page(render_page(scores, tables, attention, RunManifest(experiment="test", clips=[clip])))
-    assert page.data["clips"][0]["per_second"] == per_second
+    (track,) = page.pack("clip-0")["tracks"]
+    first_tenth, *differences = track["tenths"]
+    assert (first_tenth, _expanded(differences)) == ("0", [1, 200, 1])
 
 
 def test_a_target_has_the_colour_of_the_recordings() -> None:
