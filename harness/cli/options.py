@@ -221,9 +221,9 @@ Where = Annotated[
     typer.Option(
         metavar="CONDITION",
         help="Only labelled frames that meet this, such as target=mug|book, subject!=ann, clip=talk, "
-        "tag=occluded, note=shut (a word of the label's note), time>=2.5 (s), frame<100, from_change>0.3 (s, to the "
-        "nearest change of the label), distance<3 (m, camera to eyes) or target_distance<1 (m, eyes to target). "
-        "Several: all of them.",
+        "tag=occluded, note=shut (a word of the label's note), time>=2.5 (s, since the clip's first frame), frame<100, "
+        "from_change>0.3 (s, to the nearest change of the label), distance<3 (m, camera to eyes) or target_distance<1 "
+        "(m, eyes to target). Several: all of them.",
     ),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the tables by clip and of the stages, too.")]

@@ -29,7 +29,7 @@ WORDS = ("clip", "subject", "target", "tag", "note")
 DISTANCES = ("distance", "target_distance")
 """Metres from the camera to the person's eyes, and from the eyes to the true target's centre, as the run measured."""
 OF_TIME = ("time", "from_change")
-"""Seconds on the clip's clock, and to the nearest change of the subject's label, before or after the frame."""
+"""Seconds since the clip's first frame, as pages show them, and to the nearest change of the subject's label."""
 NUMBERS = (*OF_TIME, "frame", *DISTANCES)
 EXPECTED = (
     "clip, subject, target, tag or note with = or != (several: mug|book), or time (s), from_change (s), frame, "
@@ -149,7 +149,7 @@ def _frames_of(
     clip: str, subject: str, labels: Labels, frames: Sequence[int], times_ns: Sequence[int], distances: Distances
 ) -> Iterator[_Numbered]:
     """Yield all frames of a clip for a subject."""
-    seconds = [time / 1e9 for time in times_ns] or [math.nan] * len(frames)
+    seconds = [(time_ns - times_ns[0]) / 1e9 for time_ns in times_ns] or [math.nan] * len(frames)
     own = [labels.at(frame, subject) for frame in frames]
     apart_s = seconds_from_change(own, seconds)
     for frame, time_s, label, from_change_s in zip(frames, seconds, own, apart_s, strict=True):
