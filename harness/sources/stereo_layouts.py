@@ -230,6 +230,8 @@ def _small(view: Image) -> NDArray[np.float32]:
 
 
 _KITTI_GRAY = re.compile(r"(^|/)image_0?0(/|$)")
+_RECTIFIED = re.compile("(?:(?:^|(?<!non)(?<!not)[/_. -])[Rr]ect|(?<=[a-z])Rect)(?:ified)?(?![a-z])")
+"""In names of images, as in those of topics: ``rectified_left``, ``left_rect_0``, ``imageRectified``."""
 
 
 def recognise_stereo(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
@@ -306,10 +308,18 @@ def _refuse_unpaired(path: Path) -> None:
         )
 
 
+def _is_called_rectified(layout: FoundLayout) -> bool:
+    """Whether the names of both views say that they are rectified."""
+    names = [layout.source.get(side) for side in ("left", "right")]
+    return all(name is not None and _RECTIFIED.search(f"{layout.root.name}/{name}") for name in names)
+
+
 def _calibrated(layout: FoundLayout, path: Path, given: Mapping[str, Any]) -> list[Recognised]:
     """The layout with each calibration for images of this size, at most two folders below or one above."""
     gray = bool(_KITTI_GRAY.search(layout.source.get("left", "")))
+    is_rectified = "rectified" not in given and _is_called_rectified(layout)
     settings = {key: given[key] for key in Options.model_fields if key in given}
+    settings |= {"rectified": True} if is_rectified else {}
     options = parse(Options, {"calibration_cameras": (0, 1), **settings} if gray else settings, "--set")
     calibrations, incomplete = list[tuple[str, ...]](), list[str]()
     if "calibration" not in given and "camera" not in given:
@@ -320,10 +330,12 @@ def _calibrated(layout: FoundLayout, path: Path, given: Mapping[str, Any]) -> li
         if files:
             source["calibration"] = files[0] if len(files) == 1 else list(files)
             source |= {"calibration_cameras": [0, 1]} if gray and files[0].endswith(".txt") else {}
+        if is_rectified and "camera" not in given:
+            source["rectified"] = True
         return Recognised(
             root=layout.root,
             source=source,
-            layout=str(layout),
+            layout=f"{layout}{', rectified by their names' if 'rectified' in source else ''}",
             name=path.stem if path.is_file() else path.name,
             calibration=" and ".join(files) or None,
             # A file that cannot be used alone is reported only if no other can.

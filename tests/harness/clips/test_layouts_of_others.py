@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from harness.clips.manifest import load_manifest
 from tests.calibrations import write_opencv, write_yaml
@@ -246,6 +247,36 @@ def test_times_that_cannot_be_read_say_how_to_go_without(tmp_path: Path, line: s
     said = refused(tmp_path / "data", *NUMBERS)
     assert "timestamps.txt:" in said
     assert "--set left=left --set right=right reads the images without it" in said
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "is_rectified"),
+    [
+        ("rectified_left/{}.png", "rectified_right/{}.png", True),
+        ("left_rect_{}.png", "right_rect_{}.png", True),
+        ("imageRectifiedL{}.png", "imageRectifiedR{}.png", True),
+        ("non_rectified_left/{}.png", "non_rectified_right/{}.png", False),
+        ("unrectified/left/{}.png", "unrectified/right/{}.png", False),
+        ("rectangle_left/{}.png", "rectangle_right/{}.png", False),
+        ("left/{}.png", "right/{}.png", False),
+    ],
+)
+def test_images_that_are_called_rectified_are_not_rectified_again(
+    tmp_path: Path, left: str, right: str, *, is_rectified: bool
+) -> None:
+    """The calibration is of the raw images, and turns the right camera."""
+    images(tmp_path / "data", left, right)
+    k, turned = np.array([[100, 0, 31.5], [0, 100, 23.5], [0, 0, 1.0]]), Rotation.from_euler("x", 3, degrees=True)
+    nodes = {"K1": k, "D1": np.zeros((1, 5)), "K2": k, "D2": np.zeros((1, 5)), "R": turned.as_matrix()}
+    write_opencv(tmp_path / "data" / "stereo.yml", {**nodes, "T": np.array([[-0.12], [0], [0]])}, (WIDTH, HEIGHT))
+    vfoa("add", tmp_path / "data", "--name", "mine")
+    right_view = load_manifest("mine").open_images().frame(1).right
+    assert right_view is not None
+    assert np.array_equal(right_view, views(1)[1]) == is_rectified
+    vfoa("add", tmp_path / "data", "--name", "other", "--set", f"rectified={str(not is_rectified).lower()}")
+    other = load_manifest("other").open_images().frame(1).right
+    assert other is not None
+    assert np.array_equal(other, views(1)[1]) != is_rectified
 
 
 def test_a_pointer_of_git_lfs_says_so(tmp_path: Path) -> None:
