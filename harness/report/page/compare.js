@@ -24,7 +24,7 @@ function drawRanking(place) {
 
 function drawDifferences(place) {
   const rows = data.differences.map((each) => ({ ...each, words: `${each.label}: ${each.printed} ${each.ends}; ${each.words}`, label: `${each.is_significant ? "✱ " : ""}${each.label}` }));
-  const widest = Math.max(0.02, ...rows.flatMap((each) => [each.value, each.low, each.high].map((share) => Math.abs(share ?? 0))));
+  const widest = Math.max(0.04, ...rows.flatMap((each) => [each.value, each.low, each.high].map((share) => Math.abs(share ?? 0))));
   const end = Math.ceil(50 * widest) / 50;
   figure(place, {
     title: "Differences on the same frames", notes: ["points of FRR, 95 % interval, corrected for all pairs; ✱: significant"],

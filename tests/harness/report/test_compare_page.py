@@ -76,6 +76,22 @@ def test_the_page_ranks_compares_and_links_to_the_frames_that_changed(browser: C
     )
 
 
+def test_the_axis_of_runs_that_hardly_differ_has_each_number_once(browser: Chrome, tmp_path: Path) -> None:
+    clip = write_clip(tmp_path, "table", TRUTH)
+    runs = [tmp_path / "a", tmp_path / "b"]
+    for run in runs:
+        write_run(run, answers(TRUTH, clip="table"), clips=[clip], notes=[])
+    page = tmp_path / "compared.html"
+    page.write_text(render_comparison(compare_runs(runs), report_link(page)), encoding="utf-8")
+    set_width(browser, 1400)
+    browser.get(page.as_uri())
+    wait_until_drawn(browser)
+    numbers = [words for words in _texts(browser, "#draw-differences .tick") if words]
+    assert "0" in numbers
+    assert "−0" not in numbers
+    assert len(numbers) == len({*numbers})
+
+
 def test_the_tables_are_sorted_by_any_column(browser: Chrome, page: Path) -> None:
     set_width(browser, 1400)
     browser.get(page.as_uri())
