@@ -96,6 +96,10 @@ class PageServer(LocalServer):
         write_address(session.path, Address(port=self.port, token=token))
 
 
+_MISSING = {"right": "this clip has no right view", "head": "no head found here"}
+"""Why there is no picture of a view; every clip has the others."""
+
+
 def create_app(session: Session) -> Starlette:
     """Return the application for one clip, to be served by a :class:`harness.server.local_server.LocalServer`."""
     page = Path(__file__).with_name("page")
@@ -115,7 +119,7 @@ def create_app(session: Session) -> Starlette:
         at = request.path_params["at"]
         coded = session.picture(view, at, shown.subject, region=shown.region, width=shown.width)
         if coded is None:
-            raise HTTPException(404, "no head there")
+            raise HTTPException(404, _MISSING[view])
         return Response(coded, media_type="image/jpeg")
 
     def change(body: bytes) -> Response:

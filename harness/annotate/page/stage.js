@@ -126,6 +126,6 @@ export class Stage {
     try {
       const bitmap = await this.pictures.get(path);
       if (this.wanted === at) place(element, bitmap, view);
-    } catch { element.replaceChildren(`no ${view} here`); }
+    } catch (error) { element.replaceChildren(error.message); }
   }
 }

@@ -7,11 +7,14 @@ import http.client
 import json
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tests.annotating import Page
+from tests.annotating import Page, serve
+from tests.disk import HEIGHT, WIDTH, picture, write_image, write_text
 
 READ = ("/", "/page/page.js", "/page/page.css", "/api/clip", "/api/state", "/api/scene/0", "/picture/left/0")
 CHANGE = {"kind": "range", "subject": "ann", "at": 0, "last": 3, "target": "cup"}
@@ -163,7 +166,6 @@ def test_a_request_that_is_too_large_is_refused(page: Page) -> None:
 
 def test_the_views_are_pictures_of_the_frame(page: Page) -> None:
     import cv2
-    import numpy as np
 
     for view in ("left", "right", "disparity"):
         status, headers, body = _ask(page, f"/picture/{view}/3", X_Vfoa_Token=page.token)
@@ -171,7 +173,21 @@ def test_the_views_are_pictures_of_the_frame(page: Page) -> None:
         image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)
         assert image is not None
         assert image.shape == (48, 64, 3)
-    assert _ask(page, "/picture/head/3?subject=ann", X_Vfoa_Token=page.token)[0] == 404
+    status, _, body = _ask(page, "/picture/head/3?subject=ann", X_Vfoa_Token=page.token)
+    assert (status, b"no head found here" in body) == (404, True)
+
+
+def test_a_clip_of_a_depth_camera_has_its_depth_and_no_right_view(tmp_path: Path) -> None:
+    root = tmp_path / "depth_camera"
+    write_image(root / "rgb" / "1.png", picture(1))
+    write_image(root / "depth" / "1.png", np.full((HEIGHT, WIDTH), 2000, np.uint16))
+    source = 'colour = "rgb"\ndepth = "depth"\ncamera = { fx_px = 50, cx_px = 31.5, cy_px = 23.5 }\n'
+    named = '[subjects.ann]\ncategory = "person"\n[targets.cup]\ncategory = "cup"\n'
+    text = f'name = "clip"\nadapter = "depth_folder"\nroot = "{root.as_posix()}"\n[source]\n{source}{named}'
+    with serve(clip=str(write_text(tmp_path / "datasets" / "clip.toml", text))) as page:
+        assert _ask(page, "/picture/disparity/0", X_Vfoa_Token=page.token)[0] == 200
+        status, _, body = _ask(page, "/picture/right/0", X_Vfoa_Token=page.token)
+    assert (status, b"this clip has no right view" in body) == (404, True)
 
 
 def test_changes_that_come_together_are_made_in_order_and_again_only_if_they_were_not(page: Page) -> None:
