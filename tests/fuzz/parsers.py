@@ -272,6 +272,7 @@ PARSERS: Sequence[Parser] = (
     Parser("Kalibr calibration", "camchain.yaml", lambda path: calibrations.write_kalibr(path, whole.RIG), _cameras),
     Parser("ORB-SLAM2 calibration", "mine.yaml", lambda path: calibrations.write_orb_slam_2(path, whole.RIG), _cameras),
     Parser("ORB-SLAM3 calibration", "mine.yaml", lambda path: calibrations.write_orb_slam_3(path, whole.RIG), _cameras),
+    Parser("stella_vslam calibration", "mine.yaml", whole.STELLA, _cameras),
     Parser("VINS-Fusion calibration", "vins.yaml", lambda path: calibrations.write_vins(path, whole.RIG), _vins),
     Parser(
         "camera of camodocal",

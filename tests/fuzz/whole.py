@@ -257,6 +257,26 @@ def python_calibration(path: Path) -> None:
     path.write_text(yaml.dump({**_NODES, "image_size": SIZE, "rms": np.float64(0.3)}), encoding="utf-8")
 
 
+STELLA = """Camera:
+  setup: "stereo"
+  fx: 435.2
+  fy: 435.2
+  cx: 367.4
+  cy: 252.2
+  cols: 752
+  rows: 480
+  focal_x_baseline: 47.9
+StereoRectifier:
+  model: "perspective"
+  K_left: [458.6, 0.0, 367.2, 0.0, 457.2, 248.3, 0.0, 0.0, 1.0]
+  D_left: [-0.28, 0.07, 0.0001, 0.00001, 0.0]
+  R_left: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+  K_right: [457.5, 0.0, 379.9, 0.0, 456.1, 255.2, 0.0, 0.0, 1.0]
+  D_right: [-0.28, 0.07, -0.0001, -0.00003, 0.0]
+  R_right: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+"""
+
+
 def ros(side: int) -> Write:
     return lambda path: path.write_bytes(calibrations.write_ros(path.parent / "ros", RIG)[side].read_bytes())
 

@@ -1,4 +1,4 @@
-"""The cameras in the settings of ORB-SLAM2 and ORB-SLAM3 (YAML).
+"""The cameras in the settings of ORB-SLAM2, ORB-SLAM3 and stella_vslam (YAML).
 
 Camera.type: "PinHole"            KannalaBrandt8; Rectified: Camera1 alone, and Stereo.b in metres
 Camera1.fx: 458.654               Camera2 is the right one; k1, k2, p1, p2 (k3), of KannalaBrandt8 k1 to k4
@@ -6,9 +6,15 @@ Stereo.T_c1_c2: 4 x 4             takes points of Camera2 to Camera1, metres
 
 Camera.fx: 435.2                  ORB-SLAM2: of the rectified pair, Camera.bf is fx times the baseline in metres
 LEFT.K  LEFT.D  LEFT.R  LEFT.P    how images are rectified, if they are not yet; RIGHT the same
+
+Camera: {fx: 435.2 ...}           stella_vslam (OpenVSLAM: Camera.fx): the same with focal_x_baseline, cols and rows
+StereoRectifier: {K_left ...}     K, D, R of both, of lenses without a model or of the model fisheye; P is Camera's
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +35,48 @@ _RECTIFIED = "Rectified"
 def is_orb_slam(document: Document) -> bool:
     """Whether a document has such settings."""
     return "Camera1.fx" in document or "Camera.fx" in document
+
+
+_OF_STELLA = {"focal_x_baseline": "bf", "cols": "width", "rows": "height"}
+"""ORB-SLAM's names of what stella_vslam calls otherwise."""
+
+
+def as_orb_slam(document: Document, where: str) -> Document:
+    """The settings of stella_vslam by the names of ORB-SLAM2's; other documents as they are.
+
+    Raises
+    ------
+    VfoaError
+        If they are not of a stereo pair, or a value is missing.
+    """
+    camera, rectifier = (_table(document, name) for name in ("Camera", "StereoRectifier"))
+    if "focal_x_baseline" not in camera:
+        return document
+    if (setup := camera.get("setup", "stereo")) != "stereo":
+        raise VfoaError(f"{where}: Camera.setup: found {setup!r}; expected the settings of stella_vslam for stereo")
+    settings = {f"Camera.{_OF_STELLA.get(name, name)}": value for name, value in camera.items() if value is not None}
+    if not rectifier:
+        return settings
+    expect_names(settings, ("Camera.width", "Camera.height"), where, "cols and rows of stella_vslam's Camera")
+    expect_names(rectifier, tuple(f"{role}_{side}" for side in _SIDES for role in "KDR"), where, "StereoRectifier")
+    (times_fx,) = numbers(camera["focal_x_baseline"], f"{where}: focal_x_baseline", 1)
+    for side, shift in zip(_SIDES, (0.0, -times_fx), strict=True):
+        values = {role: rectifier[f"{role}_{side}"] for role in "KDR"}
+        values["P"] = np.column_stack([_matrix(settings, "Camera", where), [shift, 0, 0]])
+        values |= {name: settings[f"Camera.{name}"] for name in ("width", "height")}
+        settings |= {f"{side.upper()}.{name}": value for name, value in values.items()}
+    return {**settings, "LENS": rectifier.get("model")}
+
+
+_SIDES = ("left", "right")
+
+
+def _table(document: Document, name: str) -> dict[str, Any]:
+    """The values of a table, or of the names that begin with its name and a dot."""
+    if isinstance(table := document.get(name), Mapping):
+        return {str(inner): value for inner, value in table.items()}
+    dotted = ((str(key).partition("."), value) for key, value in document.items())
+    return {inner: value for (table_name, _, inner), value in dotted if table_name == name and inner}
 
 
 def orb_slam_pair(document: Document, size: ImageSize, where: str, *, rectified: bool) -> Cameras:
@@ -95,7 +143,8 @@ def _of_side(document: Document, side: str, where: str) -> RawCamera:
         for name, columns in (("K", 3), ("R", 3), ("P", 4))
     )
     width, height = (int(numbers(document[name], f"{where}: {name}", 1)[0]) for name in names[4:])
-    return RawCamera(size_px=(width, height), k=k, d=numbers(document[f"{side}.D"], f"{where}: {side}.D"), r=r, p=p)
+    d, is_fisheye = numbers(document[f"{side}.D"], f"{where}: {side}.D"), document.get("LENS") == "fisheye"
+    return RawCamera(size_px=(width, height), k=k, d=d, r=r, p=p, model="equidistant" if is_fisheye else "plumb_bob")
 
 
 def _matrix(document: Document, camera: str, where: str) -> Float:

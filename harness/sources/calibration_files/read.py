@@ -147,7 +147,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
                     f'{where}: one camera of {program}; expected the pair: calibration = ["left.yaml", "right.yaml"]'
                 )
             return program, read_pair(contents[0], contents[1], (str(paths[0]), str(paths[1])))
-    merged = opencv.merged(contents)
+    merged = orb_slam.as_orb_slam(opencv.merged(contents), where)
     if (chain := documents.kalibr_chain(merged)) is not None and not opencv.rectifies(merged):
         return "Kalibr", documents.kalibr_pair(chain, options.calibration_cameras or (0, 1), where)
     if basalt.is_basalt(merged):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,11 +11,13 @@ import pytest
 import yaml
 
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files.read import Options, read_cameras
+from harness.sources.calibration_files.documents import read_document
+from harness.sources.calibration_files.read import Options, find_calibrations, read_cameras
 from harness.sources.rectification import RawCalibration
 from tests.calibration_formats import assert_rows_match_and_depths_come_back, points_ahead, read_raw, size_px
-from tests.calibrations import RIG, Rig, opencv_nodes
+from tests.calibrations import RIG, Rig, opencv_nodes, write_yaml
 from tests.disk import write_text
+from vfoa.errors import VfoaError
 
 EUROC = """%YAML:1.0
 
@@ -97,6 +100,66 @@ def test_orb_slam_s_settings_for_euroc(tmp_path: Path, is_raw: bool) -> None:
         rotation, shift = cv2.Rodrigues(pose)[0].ravel(), found.right.r.T @ np.array([-rectified.baseline_m, 0, 0])
         rig = Rig(k=k, d=d, rotation_vector=rotation, translation_m=shift)
         assert_rows_match_and_depths_come_back(found, rig, points_ahead(3))
+
+
+def _stella(document: dict[str, Any], *, is_raw: bool) -> dict[str, dict[str, Any]]:
+    """The settings of ORB-SLAM2 as stella_vslam has them: lists of numbers in tables."""
+    names = {"bf": "focal_x_baseline", "width": "cols", "height": "rows"}
+    kept = {key.removeprefix("Camera."): value for key, value in document.items() if key.startswith("Camera.")}
+    camera = {names.get(name, name): value for name, value in kept.items() if name != "type"}
+    tables = {
+        "Camera": {"name": "EuRoC", "setup": "stereo", "model": "perspective", **camera},
+        "Feature": {"name": "a"},
+    }
+    rectifier = {
+        f"{role}_{side}": document[f"{side.upper()}.{role}"].ravel().tolist()
+        for side in ("left", "right")
+        for role in ("KDR" if is_raw else "")
+    }
+    return tables | ({"StereoRectifier": rectifier} if is_raw else {})
+
+
+@pytest.mark.parametrize("are_dotted", [False, True])
+@pytest.mark.parametrize("is_raw", [True, False])
+def test_stella_vslam_s_settings_are_those_of_orb_slam(tmp_path: Path, *, is_raw: bool, are_dotted: bool) -> None:
+    """OpenVSLAM, from which it comes, has ``Camera.fx`` in place of tables."""
+    path = write_text(tmp_path / "EuRoC.yaml", EUROC + LEFT_AND_RIGHT * is_raw)
+    tables = _stella(read_document(path), is_raw=is_raw)
+    dotted = {f"{name}.{inner}": value for name, table in tables.items() for inner, value in table.items()}
+    stella = write_yaml(tmp_path / "EuRoC_stereo.yaml", dotted if are_dotted else tables)
+    found, expected = (read_cameras([each], size_px) for each in (stella, path))
+    assert (found if isinstance(found, Calibration) else found.rectified()) == (
+        expected if isinstance(expected, Calibration) else expected.rectified()
+    )
+    if isinstance(found, RawCalibration) and isinstance(expected, RawCalibration):
+        for matrix in "kdrp":
+            np.testing.assert_array_equal(getattr(found.right, matrix), getattr(expected.right, matrix))
+    (tmp_path / "EuRoC.yaml").unlink()
+    assert find_calibrations(tmp_path, lambda: (752, 480)) == ([("EuRoC_stereo.yaml",)], [])
+
+
+def test_stella_vslam_s_lenses_may_be_fisheye(tmp_path: Path) -> None:
+    tables = _stella(read_document(write_text(tmp_path / "a.yaml", EUROC + LEFT_AND_RIGHT)), is_raw=True)
+    tables["StereoRectifier"] |= {"model": "fisheye", "D_left": [0.1, 0, 0, 0], "D_right": [0.1, 0, 0, 0]}
+    found = read_raw([write_yaml(tmp_path / "b.yaml", tables)])
+    assert (found.left.model, found.right.model) == ("equidistant", "equidistant")
+
+
+@pytest.mark.parametrize(
+    ("table", "change", "message"),
+    [
+        ("Camera", {"setup": "RGBD"}, "Camera.setup: found 'RGBD'"),
+        ("Camera", {"cols": None}, "no Camera.width; expected cols and rows"),
+        ("StereoRectifier", {"D_left": [1, 2, 3]}, "D: found 3 coefficients"),
+    ],
+)
+def test_stella_vslam_s_settings_of_no_pair_are_refused(
+    tmp_path: Path, table: str, change: dict[str, Any], message: str
+) -> None:
+    tables = _stella(read_document(write_text(tmp_path / "a.yaml", EUROC + LEFT_AND_RIGHT)), is_raw=True)
+    tables[table] |= change
+    with pytest.raises(VfoaError, match=message):
+        read_cameras([write_yaml(tmp_path / "b.yaml", tables)], size_px)
 
 
 def test_orb_slam_s_settings_for_rectified_cameras(tmp_path: Path) -> None:
