@@ -205,8 +205,8 @@ def _clip_data(
 ) -> dict[str, Any]:
     """A clip's timelines, and the colours of its targets as CSS by number of the name.
 
-    A track is a subject: ``frames`` are numbers as :func:`harness.report.page.packing.steps` codes them, ``tenths``
-    their times, in tenths of a second since the clip's first frame (empty if the run has no times), ``truth`` and
+    A track is a subject: ``frames`` are numbers as :func:`harness.report.page.packing.steps` codes them, ``hundredths``
+    their times, in hundredths of a second since the clip's first frame (empty if the run has no times), ``truth`` and
     each configuration's ``states``, ``predicted`` and ``answers`` are run-length codes over them. ``predicted`` is the
     target that was predicted, ``answers`` the column of the confusion, ``confidence`` the probability of what was
     predicted in percent, -1 without one. ``attended`` are the targets with values.
@@ -237,7 +237,7 @@ def _clip_data(
             {
                 "subject": subject,
                 "frames": steps(frames),
-                "tenths": steps(_tenths(frames, of_run)),
+                "hundredths": steps(_hundredths(frames, of_run)),
                 "truth": runs(truth),
                 "configurations": configurations,
             }
@@ -245,13 +245,13 @@ def _clip_data(
     return {"tracks": tracks, "colours": _colours(colours, tracks, names)}
 
 
-def _tenths(frames: NDArray[np.int64], of_run: ClipOfRun | None) -> Codes:
-    """The times of frames, tenths of a second since the clip's first frame; none if the run has no times."""
+def _hundredths(frames: NDArray[np.int64], of_run: ClipOfRun | None) -> Codes:
+    """The times of frames, hundredths of a second since the clip's first frame; none if the run has no times."""
     if of_run is None or not of_run.times_ns:
         return np.zeros(0, dtype=np.intp)
     times_ns = np.array(of_run.times_ns, dtype=np.int64)
     places = np.searchsorted(np.array(of_run.frames, dtype=np.int64), frames)
-    return np.rint((times_ns[places] - times_ns[0]) / 1e8).astype(np.intp)
+    return np.rint((times_ns[places] - times_ns[0]) / 1e7).astype(np.intp)
 
 
 def _numbered(verdicts: SubjectVerdicts, names: NameCodes) -> Codes:

@@ -42,9 +42,9 @@ export const clipTracks = (number) => once(`tracks ${number}`, async () => {
       confidence: expanded(each.confidence, frames.length),
       values: null,
     }));
-    const tenths = track.tenths.length ? summed(track.tenths) : null;
+    const hundredths = track.hundredths.length ? summed(track.hundredths) : null;
     const place = new Map(frames.map((frame, i) => [frame, i]));
-    return { clip: number, subject: track.subject, frames, tenths, place, truth: expanded(track.truth, frames.length), lanes, colours };
+    return { clip: number, subject: track.subject, frames, hundredths, place, truth: expanded(track.truth, frames.length), lanes, colours };
   });
 });
 

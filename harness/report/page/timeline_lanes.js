@@ -20,16 +20,18 @@ export function framesAt({ count, left, width }, x) {
 // The numbers of the frames, and their times in seconds since the clip's first one, if the run has them.
 export function axisLane(track) {
   return {
-    height: track.tenths ? 30 : 18, label: "Frame",
+    height: track.hundredths ? 30 : 18, label: "Frame",
     draw(pen, view, top, colours) {
       const places = new Set(ticks(0, view.count, Math.max(2, view.width / 90)).map(Math.round));
+      const [first, second] = [...places].map((i) => track.hundredths?.[i]);
+      const digits = second - first < 10 ? 2 : 1;
       for (const i of places) {
         if (i >= view.count) continue;
         const x = toX(view, i + 0.5);
         pen.rect(x - 0.5, top + 1, 1, 4, colours.of("soft"));
         const align = x < view.left + 16 ? "left" : x > view.left + view.width - 16 ? "right" : "center";
         pen.text(x, top + 15, track.frames[i], colours.of("soft"), { align, size: 11 });
-        if (track.tenths) pen.text(x, top + 27, `${(track.tenths[i] / 10).toFixed(1)} s`, colours.of("soft"), { align, size: 10 });
+        if (track.hundredths) pen.text(x, top + 27, `${(track.hundredths[i] / 100).toFixed(digits)} s`, colours.of("soft"), { align, size: 10 });
       }
     },
   };

@@ -94,8 +94,8 @@ def test_a_page_has_the_times_of_frames_whatever_they_are_numbered_by(first: int
     clip = ClipOfRun(name="clip", frames=frames, times_ns=times_ns, rate_hz=25.0)
     page = _Page(render_page(scores, tables, attention, RunManifest(experiment="test", clips=[clip])))
     (track,) = page.pack("clip-0")["tracks"]
-    first_tenth, *differences = track["tenths"]
-    assert (first_tenth, _expanded(differences)) == ("0", [1, 200, 1])
+    of_first, *differences = track["hundredths"]
+    assert (of_first, _expanded(differences)) == ("4", [4, 2004, 4])
 
 
 def test_a_target_has_the_colour_of_the_recordings() -> None:
