@@ -254,11 +254,12 @@ def _next_lines(scores: Scores, best: str, *, is_alone: bool, room: int) -> list
         share = f"its errors: {100 * count / counts.total():.0f} % {name}"
         return [_fitting(*(_Sentence(f"Next{why}: {{}}.", steps[:1]) for why in (f" ({share})", "")))]
     whose, names = ("", []) if is_alone else (" of {}", [best])
-    why = f"{count} of {counts.total()} wrong frames{whose} are {name}: {ERROR_TYPES[name]}."
-    in_short = f"Errors of the best: {count} of {counts.total()} {name}: {ERROR_TYPES[name]}."
+    meaning = ERROR_TYPES[name]
+    why = f"{count} of {counts.total()} wrong frames{whose} are {name}: {meaning}."
+    in_short = f"Errors{'' if is_alone else ' of the best'}: {count} of {counts.total()} {name}"
     fitting = [steps[:number] for number in range(len(steps), 1, -1)]
     return [
-        _fitting(_Sentence(why, names), _Sentence(in_short, [])),
+        _fitting(_Sentence(why, names), *(_Sentence(f"{in_short}{rest}.", []) for rest in (f": {meaning}", ""))),
         _fitting(*(_Sentence("Next: {}.", ["; ".join(each)]) for each in (*fitting, steps[:1]))),
     ]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -12,12 +13,14 @@ from typing import Any
 import pytest
 
 from harness.cli.terminal import verdict_of_run
+from harness.report import verdict
 from harness.report.comparisons import factors_table
 from harness.report.factors import compare_factors, grid_levels
 from harness.report.tables import error_types_table
 from harness.report.verdict import MOST_CHARACTERS, MOST_LINES, next_steps, verdict_lines
 from harness.score.reference import Reference
 from harness.score.score import Scores
+from harness.score.verdicts import ERROR_TYPES
 from tests.records import answers, frame_record, labels, score, subject_record, target_record
 
 TRUTH = [name for _ in range(30) for name in ("cup",) * 60 + ("book",) * 60]
@@ -67,6 +70,19 @@ def test_what_to_try_next_is_told_by_the_errors_of_the_best_configuration() -> N
     scores = score([*narrow, *best], Reference(labels={"clip": labels(*truth)}))
     assert [line for line in verdict_lines(scores) if line.startswith("2 of 2 wrong frames of best are ")] != []
     assert [line for line in verdict_lines(scores) if "no_hit" in line] == []
+
+
+@pytest.mark.parametrize("configurations", [("default",), ("a", "b")])
+@pytest.mark.parametrize("error_type", ERROR_TYPES)
+def test_errors_of_any_number_are_told_in_a_line(
+    error_type: str, configurations: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scores = _scores(dict.fromkeys(configurations, 0.5), truth=TRUTH[:120])
+    many = Counter({error_type: 123_456, "no_subject": 99_999})
+    monkeypatch.setattr(verdict, "_error_types", lambda *_: many)
+    lines = verdict_lines(scores)
+    assert [line for line in lines if f"{max(many.values())} of {many.total()}" in line and error_type in line] != []
+    assert [line for line in lines if "…" in line or len(line) > MOST_CHARACTERS] == []
 
 
 def test_the_errors_of_the_best_are_told_without_its_name_if_that_does_not_fit() -> None:
