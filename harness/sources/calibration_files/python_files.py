@@ -23,9 +23,17 @@ _MATLAB = (
     "expected what jsonencode(toStruct(stereoParams)) returns, in a file .json (or, of a struct with K1 D1 K2 D2 R T, "
     "jsonencode of that)",
 )
-_PICKLE = "a pickle of Python, which could run any code", f"expected the same matrices by {SAVE}"
+FROM_PICKLE = 'np.savez("stereo.npz", **pickle.loads(pathlib.Path("FILE").read_bytes()))'
+FROM_ARRAYS = 'np.savez("stereo.npz", **{path.stem: np.load(path) for path in pathlib.Path().glob("*.npy")})'
+_PICKLE = (
+    "a pickle of Python, which could run any code",
+    f"expected the same matrices by {SAVE}; of a dict that you have saved yourself, {FROM_PICKLE}",
+)
 _HDF5 = "a file of HDF5", f"expected the same matrices by {SAVE}"
-_ONE_ARRAY = "one array of NumPy", f"expected all matrices of the pair by {SAVE}"
+_ONE_ARRAY = (
+    "one array of NumPy",
+    f"expected all matrices of the pair by {SAVE}; of a folder of arrays with such names, {FROM_ARRAYS}",
+)
 _MAPS = (
     "rectification maps of initUndistortRectifyMap, from which the cameras are not known",
     "expected the matrices that they were made from: K1 D1 K2 D2 with R T or R1 R2 P1 P2",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pathlib
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 import yaml
 from scipy.io import savemat
 
-from harness.sources.calibration_files.python_files import SAVE
+from harness.sources.calibration_files.python_files import FROM_ARRAYS, FROM_PICKLE, SAVE
 from harness.sources.calibration_files.read import find_calibrations, read_cameras
 from harness.sources.rectification import RawCalibration
 from tests.calibrations import RIG, SIZE, opencv_nodes, rectification, write_opencv
@@ -158,6 +159,18 @@ def test_what_is_advised_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyP
     cameras = read_cameras([tmp_path / "stereo.npz"], _size)
     assert isinstance(cameras, RawCalibration)
     assert cameras.left.size_px == SIZE
+
+
+def test_what_is_advised_for_pickles_and_arrays_makes_a_calibration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_bytes(tmp_path / "FILE", pickle.dumps(TUTORIAL))
+    for name, array in NODES.items():
+        np.save(tmp_path / f"{name}.npy", array)
+    for advice in (FROM_PICKLE, FROM_ARRAYS):
+        exec(advice, {"np": np, "pickle": pickle, "pathlib": pathlib})
+        assert isinstance(read_cameras([tmp_path / "stereo.npz"], _size), RawCalibration)
 
 
 @pytest.mark.parametrize(
