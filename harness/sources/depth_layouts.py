@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from harness.files.io import read_text
 from harness.sources import Recognised
 from harness.sources.calibration_files.documents import SUFFIXES
-from harness.sources.calibration_files.one_camera import read_one_camera
+from harness.sources.calibration_files.one_camera import counts_per_metre, read_one_camera
 from harness.sources.media.frame_files import (
     IMAGE_SUFFIXES,
     TICKS_NS,
@@ -187,6 +187,8 @@ def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
             height, width = read_rgb(next(iter(colours.values()))).shape[:2]
             read_one_camera(file, (width, height))
             source["calibration"] = calibration = file.name
+            if counts_per_metre(file) is not None:  # not TUM's unit
+                source.pop("depth_scale", None)
             break
         except VfoaError as error:
             incomplete.append(str(error))

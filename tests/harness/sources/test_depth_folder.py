@@ -229,6 +229,19 @@ def test_tum_is_joined_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     check_contract(clip)
 
 
+def test_lists_as_those_of_tum_have_the_unit_that_the_camera_s_file_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Recorders of other cameras write TUM's lists, and mostly millimetres."""
+    camera = {"fx": 100.0, "fy": 100.0, "cx": 31.5, "cy": 23.5, "width": WIDTH, "height": HEIGHT}
+    monkeypatch.chdir(tmp_path)
+    for name, said, factor in (("tum", {}, 1), ("own", {"depth_scale": 0.001}, 5)):
+        write_text(tum(tmp_path / "takes" / name) / "intrinsics.json", json.dumps(camera | said))
+        add_clip(tmp_path / "takes" / name)
+        frame = load_manifest(name).open_images().frame(1)
+        np.testing.assert_allclose(frame.depth_m, factor * metres(3), atol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("pattern", "stamps"),
     [("{:.6f}", "us"), ("{:.3f}", "ms"), ("{0:.0f}123456789", "ns")],
