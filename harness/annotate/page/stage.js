@@ -46,10 +46,11 @@ export class Stage {
 
   show(bitmap, scene, at, subject) {
     place(this.picture, bitmap, "left view");
-    this.view.size = scene.size_px;
+    const [width, height] = this.view.size = scene.size_px;
+    this.view.element.style.setProperty("--aspect", width / height);
     const [u0, v0, u1, v1] = this.bounds = this.view.region || [0, 0, ...scene.size_px];
     this.overlay.setAttribute("viewBox", `${u0} ${v0} ${u1 - u0} ${v1 - v0}`);
-    this.unit = (u1 - u0) / 1000; // text is as large in every image
+    this.unit = (u1 - u0) / this.view.element.clientWidth; // pixels of the image per pixel of the screen
     Object.assign(this, { scene, at });
     this.showBeside(at, subject, scene);
   }
@@ -57,7 +58,7 @@ export class Stage {
   // Draw outlines and names of the frame that is shown, unless they are drawn already.
   draw(subject, names) {
     const { scene } = this;
-    this.letter = (narrow.matches ? 34 : 17) * this.unit; // its height in pixels
+    this.letter = (narrow.matches ? 12 : 17) * this.unit; // its height in pixels of the image
     const now = [scene, subject, names, this.letter, String(this.bounds)];
     if (!scene || now.every((each, place) => each === this.drawn[place])) return;
     this.drawn = now;

@@ -415,6 +415,35 @@ def test_an_enlarged_image_is_sent_in_detail_and_a_click_means_the_same_object(o
     assert page.js("return document.getElementById('overlay').getAttribute('viewBox')") == "0 0 64 48"
 
 
+def test_the_wheel_keeps_what_is_under_the_pointer_there_and_names_legible_also_on_a_low_screen(
+    browser: Chrome, open_page: Open, work: Path
+) -> None:
+    set_width(browser, 1366, 700)
+    page = open_page(run=work / "run")
+    size_px = "return parseFloat(getComputedStyle(document.querySelector('#overlay text')).fontSize) * {}".format(
+        "document.getElementById('overlay').getScreenCTM().a"
+    )
+    assert page.js(size_px) == pytest.approx(17, abs=0.5)
+    turn = """
+        const [across, down] = arguments;
+        const [overlay, box] = ['overlay', 'picture'].map((id) => document.getElementById(id));
+        const { x, y, width, height } = (box.querySelector('canvas') ?? box).getBoundingClientRect();
+        const at = { clientX: x + across * width, clientY: y + down * height };
+        const seen = () => {
+            const found = new DOMPoint(at.clientX, at.clientY).matrixTransform(overlay.getScreenCTM().inverse());
+            return [found.x, found.y];
+        };
+        const before = seen();
+        overlay.dispatchEvent(new WheelEvent('wheel', { deltaY: -1, bubbles: true, cancelable: true, ...at }));
+        window.seen = seen;
+        return before;"""
+    before = page.js(turn, 0.25, 0.75)
+    page.settle()
+    assert before == pytest.approx([16, 36], abs=1)
+    assert page.js("return window.seen()") == pytest.approx(before, abs=1)
+    assert page.js("return document.getElementById('overlay').viewBox.baseVal.width") < 60
+
+
 def test_what_can_be_pressed_or_dragged_is_large_enough_and_all_fits_at_200_percent(
     browser: Chrome, open_page: Open, work: Path
 ) -> None:
