@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import glob
 import re
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -114,17 +115,43 @@ def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str
 
 
 def _image_pairs(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayout]:
-    for left, right in _sides_by_name(images):
+    for left, right in _sides_by_name(root, images):
         yield from _pair_of_images(root, left, right)
 
 
-def _sides_by_name(images: dict[str, list[str]]) -> Iterator[tuple[str, str]]:
+def _sides_by_name(root: Path, images: dict[str, list[str]]) -> Iterator[tuple[str, str]]:
     """What may be two sides, by the names of folders, and of the files in each; both as written in a manifest."""
     yield from pair_names(images, numbered=False)
+    of_frames = _folders_of_frames(root, images)
+    for pattern, (left, right) in dict.fromkeys(of_frames.values()):
+        yield f"{pattern}/{left}", f"{pattern}/{right}"
     for folder, files in images.items():
+        if folder in of_frames:
+            continue
         prefix, names = "" if folder == "." else f"{glob.escape(folder)}/", [Path(file).name for file in files]
         for left, right in (*pair_names(names, numbered=True), *numbered_views(names)):
             yield prefix + left, prefix + right
+
+
+_NUMBER = re.compile("[0-9]+")
+
+
+def _folders_of_frames(root: Path, images: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, tuple[str, str]]]:
+    """The folders of single frames, each with the pattern of all (``frame_%d``) and the names of both views.
+
+    They are called alike but for one number, and have a pair of the same names each, and nothing else: a scene of its
+    own has its calibration.
+    """
+    alike = defaultdict[str, list[str]](list)
+    for folder, files in images.items():
+        if len(_NUMBER.findall(folder)) == 1 and "%" not in folder and len(files) == len([*(root / folder).iterdir()]):
+            alike[_NUMBER.sub("%d", folder)].append(folder)
+    found = dict[str, tuple[str, tuple[str, str]]]()
+    for pattern, folders in alike.items():
+        views = {pair_names([Path(file).name for file in images[folder]], numbered=False) for folder in folders}
+        if len(folders) > 1 and len(views) == 1 and len(pair := views.pop()) == 1:
+            found |= dict.fromkeys(folders, (pattern, pair[0]))
+    return found
 
 
 def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
@@ -286,7 +313,7 @@ def _packed_files(path: Path, is_video: bool) -> list[str]:
 def _refuse_unpaired(path: Path) -> None:
     """Say how to name the views of images, or of films if there are no images."""
     folders = _files_by_folder(path, IMAGE_SUFFIXES) if path.is_dir() else {}
-    for left, right in islice(_sides_by_name(folders), 1):
+    for left, right in islice(_sides_by_name(path, folders), 1):
         try:
             find_sides(path, left, right)
         except VfoaError as error:

@@ -213,6 +213,31 @@ def test_ten_digits_are_seconds_if_they_are_few_apart(tmp_path: Path, step: int,
     assert any("stamps" in note for note in clip.notes) == (seconds is None)
 
 
+@pytest.mark.parametrize(
+    ("left", "right", "frames"),
+    [
+        ("frame_{:04d}/left.png", "frame_{:04d}/right.png", 3),
+        ("{}/L.png", "{}/R.png", 3),
+        ("take/pair{}/img_left.png", "take/pair{}/img_right.png", 3),
+        ("session_{}/left_1.png", "session_{}/right_1.png", 3),
+    ],
+)
+def test_each_frame_may_have_a_folder(tmp_path: Path, left: str, right: str, frames: int) -> None:
+    images(tmp_path / "data", left, right)
+    vfoa("add", tmp_path / "data", "--name", "mine", *NUMBERS)
+    clip = load_manifest("mine").open_images()
+    assert len(clip.frames) == frames
+    assert np.array_equal(clip.frame(2).left, views(2)[0])
+
+
+def test_folders_of_several_frames_or_with_calibrations_are_clips_of_their_own(tmp_path: Path) -> None:
+    for number in (1, 2):
+        images(tmp_path / "sessions" / f"s{number}", "left_{}.png", "right_{}.png")
+        middlebury(tmp_path / "scenes" / f"chess{number}")
+    for name in ("sessions", "scenes"):
+        assert "a clip of each folder" in refused(tmp_path / name, *NUMBERS)
+
+
 TENTHS = (0, 1, 5)
 """The times of three images in s after the first one, times 10."""
 
