@@ -12,7 +12,7 @@ from harness.report.advice import advice
 from harness.report.factors import compare_factors
 from harness.report.formats import interval_range, percent, shortened
 from harness.run.grid import base_of
-from harness.score.baselines import BASELINES
+from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.comparison import Comparison, compare
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
@@ -72,7 +72,7 @@ def _best_line(best: ScoreRow, rows: Sequence[ScoreRow]) -> str:
 
 def _baseline_line(best: ScoreRow) -> str:
     name = best.best_baseline
-    if best.baselines[name] == 0:
+    if not any(rate for rule, rate in best.baselines.items() if rule not in SEES_LABELS):
         return "The simple rules are right in none of the frames."
     return f"{_BEATS[best.beats]} simple rule: {BASELINES[name]} ({percent(best.baselines[name])} %)."
 

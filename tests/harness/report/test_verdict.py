@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from harness.report.comparisons import factors_table
 from harness.report.factors import compare_factors, grid_levels
 from harness.report.tables import error_types_table
 from harness.report.verdict import MOST_CHARACTERS, MOST_LINES, next_steps, verdict_lines
+from harness.score.baselines import BASELINES
 from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import ERROR_TYPES
@@ -70,6 +72,15 @@ def test_what_to_try_next_is_told_by_the_errors_of_the_best_configuration() -> N
     scores = score([*narrow, *best], Reference(labels={"clip": labels(*truth)}))
     assert [line for line in verdict_lines(scores) if line.startswith("2 of 2 wrong frames of best are ")] != []
     assert [line for line in verdict_lines(scores) if "no_hit" in line] == []
+
+
+@pytest.mark.parametrize(("nearest", "said"), [(0.0, "The simple rules are right in none"), (0.4, "commonest label")])
+def test_rules_are_right_in_none_of_the_frames_only_if_each_is(nearest: float, said: str) -> None:
+    """Among some of the frames, the rule that is best on all of them may be right in none."""
+    scores = _scores({"default": 0.5}, truth=TRUTH[:120])
+    rates = {**dict.fromkeys(BASELINES, 0.0), "nearest": nearest, "constant": 1.0}
+    rows = [replace(row, baselines=rates, best_baseline="commonest") for row in scores.rows]
+    assert said in verdict_lines(replace(scores, rows=tuple(rows)))[1]
 
 
 @pytest.mark.parametrize("configurations", [("default",), ("a", "b")])
