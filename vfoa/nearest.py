@@ -70,8 +70,11 @@ def look_at_nearest(subject: Subject, targets: tuple[Target, ...], settings: Nea
     boxes = boxes_of_others(subject, targets)
     nearest = None
     if boxes:
-        angles = angle_between(np.array([box.center_m for box in boxes.values()]) - origin, direction)
-        first = int(np.where(np.isnan(angles), np.inf, angles).argmin())  # NaN: a box about the very point of the eyes
+        towards = np.array([box.center_m for box in boxes.values()]) - origin
+        is_apart = towards.any(axis=1)
+        angles = np.full(len(boxes), np.inf)  # of a box about the very point of the eyes
+        angles[is_apart] = angle_between(towards[is_apart], direction)
+        first = int(angles.argmin())
         if settings.limit_deg is None or angles[first] <= np.deg2rad(settings.limit_deg):
             nearest = tuple(boxes)[first]
     values = tuple(

@@ -60,6 +60,6 @@ def test_it_is_the_box_with_the_least_angle_of_all(seed: int, limit_deg: float) 
 
 
 def test_a_box_about_the_very_point_of_the_eyes_has_no_angle() -> None:
-    with np.errstate(invalid="ignore"):
-        found = look_at_nearest(make_subject(gaze=(0, 0, 1)), (make_target(1, make_box((0, 0, 0))), RIGHT), NEAREST)
-    assert found.focus == 2
+    subject, at_eyes = make_subject(gaze=(0, 0, 1)), make_target(1, make_box((0, 0, 0)))
+    assert look_at_nearest(subject, (at_eyes, RIGHT), NEAREST).focus == 2
+    assert look_at_nearest(subject, (at_eyes,), NEAREST.model_copy(update={"limit_deg": 180})).focus is None
