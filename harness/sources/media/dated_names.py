@@ -10,11 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-_DATED = re.compile(
-    r"(?<!\d)(20\d\d)([-_.]?)(\d\d)\2(\d\d)[^0-9]{0,3}"  # the date; its two marks are the same
-    r"(\d\d)[-_.:]?(\d\d)[-_.:]?(?P<second>\d\d)(?:(?P<mark>[-_.,])?(?P<decimals>\d{1,9})|(?![-_.,]?\d))"
-    r"(?!\d|[-_ ]?[ap]m\b)",
-    re.IGNORECASE,
+_TIME_OF_DAY = (
+    r"[^0-9]{0,3}(?P<hour>\d\d)[-_.:]?(?P<minute>\d\d)[-_.:]?(?P<second>\d\d)"
+    r"(?:(?P<mark>[-_.,])?(?P<decimals>\d{1,9})|(?![-_.,]?\d))(?!\d|[-_ ]?[ap]m\b)"
+)
+_DATES = tuple(
+    re.compile(rf"(?<!\d){date}{_TIME_OF_DAY}", re.IGNORECASE)
+    for date in (
+        r"(?P<year>20\d\d)([-_.]?)(?P<month>\d\d)\2(?P<day>\d\d)",  # the two marks of a date are the same
+        r"(?P<day>\d\d)([-_.])?(?P<month>\d\d)(?(2)\2)(?P<year>20\d\d)(?(2)(?!\d))",
+        r"(?P<month>\d\d)([-_.])?(?P<day>\d\d)(?(2)\2)(?P<year>20\d\d)(?(2)(?!\d))",
+    )
 )
 _RUN = re.compile(r"\d+")
 
@@ -32,9 +38,19 @@ class Dates(NamedTuple):
 def find_dates(names: Sequence[str]) -> Dates | None:
     """The dates with times of day in names; None if one has none, or all have the same second.
 
-    A number after the second is its decimals, unless it is an index, which grows from each second to the next.
+    A number after the second is its decimals, unless it is an index, which grows from each second to the next. Of
+    several readings (a day and a month may be exchanged) the one counts with which the names are least apart.
     """
-    found = [match for match in map(_DATED.search, names) if match]
+    readings = [dates for pattern in _DATES if (dates := _dates(names, pattern)) is not None]
+    return min(readings, key=lambda dates: _seconds(max(dates.times)) - _seconds(min(dates.times)), default=None)
+
+
+def _seconds(time: int) -> float:
+    return float(f"{str(time)[:10]}.{str(time)[10:]}")
+
+
+def _dates(names: Sequence[str], pattern: re.Pattern[str]) -> Dates | None:
+    found = [match for match in map(pattern.search, names) if match]
     seconds = [second for match in found if (second := _second_of(match)) is not None]
     decimals = [match["decimals"] or "" for match in found]
     if len(seconds) < len(names) or len(set(seconds)) == 1 or len(set(map(len, decimals))) > 1:
@@ -53,7 +69,9 @@ def find_dates(names: Sequence[str]) -> Dates | None:
 
 def _second_of(match: re.Match[str]) -> int | None:
     """The second since 1970; None if there is no such day, hour, minute or second."""
-    year, _, month, day, hour, minute, second, *_ = match.groups()
+    year, month, day, hour, minute, second = (
+        match[part] for part in ("year", "month", "day", "hour", "minute", "second")
+    )
     try:
         return int(np.datetime64(f"{year}-{month}-{day}T{hour}:{minute}:{second}", "s").astype(np.int64))
     except ValueError:

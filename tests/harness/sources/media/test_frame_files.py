@@ -179,6 +179,9 @@ FRAMES_MS = (900, 940, 980, 1020, 60_000, 86_400_040)
         ("%Y%m%d%H%M%S", 3),
         ("%Y-%m-%dT%H:%M:%S.", 9),
         ("Image__%Y-%m-%d__%H-%M-%S,", 2),
+        ("%d%m%Y_%H%M%S_", 6),
+        ("%m%d%Y%H%M%S", 3),
+        ("cam0_%d-%m-%Y_%H-%M-%S-", 3),
     ],
 )
 def test_a_date_and_its_time_of_day_are_one_number(pattern: str, digits: int) -> None:
@@ -196,6 +199,25 @@ def test_a_date_without_decimals_is_a_time_and_one_beside_an_index_is_not() -> N
     names = [f"2023-05-01_12-30-{44 + number // 3}_{number:04d}.png" for number in range(9)]
     assert list(number_names(names, "left").values()) == names
     assert list(number_names(names, "left")) == list(range(9))
+
+
+@pytest.mark.parametrize(
+    "pattern", ["%d%m%Y_%H%M%S", "%m%d%Y_%H%M%S", "%d-%m-%Y-%H-%M-%S-0", "take_01_02_%Y%m%d_%H%M%S"]
+)
+@pytest.mark.parametrize("day", [30, 31])
+def test_a_day_and_a_month_are_those_of_the_shorter_film(pattern: str, day: int) -> None:
+    times = [datetime(2023, 1, day, 23, 59, second, tzinfo=UTC) for second in (11, 12)]
+    times += [time + timedelta(minutes=1) for time in times]
+    names = [f"{time.strftime(pattern)}.png" for time in times]
+    assert list(number_names(names, "left")) == [round(time.timestamp()) * 1000 for time in times]
+
+
+def test_a_day_that_may_be_a_month_comes_first() -> None:
+    names = ["01052023_120000.png", "01052023_120001.png"]
+    start = round(datetime(2023, 5, 1, 12, tzinfo=UTC).timestamp())
+    assert list(number_names(names, "left")) == [start * 1000, (start + 1) * 1000]
+    names = ["01052023_235959.png", "01062023_000000.png"]
+    assert np.diff(list(number_names(names, "left"))).tolist() == [1000]
 
 
 @pytest.mark.parametrize(
