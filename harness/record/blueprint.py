@@ -111,7 +111,7 @@ def _wide(layers: LayerNames, shown: ClipContent, subject: str | None, *, most: 
     meaning = rrb.Vertical(
         rrb.Tabs(*_documents(layers)[:most], active_tab=0),
         _plots(layers, subject, shown),
-        _states(layers, subject),
+        _states(layers, subject, shown),
         row_shares=[4.1, 3.5, 2.2],
     )
     return rrb.Horizontal(scene if images else _world(layers, shown, subject), meaning, column_shares=[3, 2])
@@ -125,7 +125,7 @@ def _column(layers: LayerNames, shown: ClipContent, subject: str | None) -> rrb.
         *images,
         _world(layers, shown, subject),
         below,
-        _states(layers, subject),
+        _states(layers, subject, shown),
     ]
     return rrb.Vertical(*parts, row_shares=[5, 5, 3.4, 3.8][-len(parts) :], name=layers.configuration)
 
@@ -234,9 +234,18 @@ def _plot(
     return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=corner, axis_x=room)
 
 
-def _states(layers: LayerNames, subject: str | None) -> rrb.StateTimelineView:
-    origin = _of_subject(entities.verdict, layers, subject)
-    return rrb.StateTimelineView(origin=origin, name="Truth, prediction, verdict")
+def _states(layers: LayerNames, subject: str | None, shown: ClipContent) -> rrb.StateTimelineView:
+    origin, window = _of_subject(entities.verdict, layers, subject), None
+    if shown.span is not None and shown.per_second is not None and shown.per_second > _MOST_NUMBERS:
+        half = min(round(_HALF_WINDOW_S * shown.per_second), shown.span[1] - shown.span[0])
+        before, after = (rrb.TimeRangeBoundary.cursor_relative(seq=numbers) for numbers in (-half, half))
+        window = rrb.TimeAxis(view_range=rr.TimeRange(start=before, end=after))
+    return rrb.StateTimelineView(origin=origin, name="Truth, prediction, verdict", time_view=window)
+
+
+_MOST_NUMBERS, _HALF_WINDOW_S = 10_000, 10.0
+"""The viewer shows a thousand numbers of frames about the cursor, which are a microsecond of frames that are time
+stamps. If a second has more numbers than this, it shows these seconds before and after the cursor, or the clip."""
 
 
 def orbital_eye(position: Float, look_target: Float) -> rrb.EyeControls3D:

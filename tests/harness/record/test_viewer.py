@@ -98,6 +98,19 @@ def test_the_viewer_plays_in_real_time_whatever_frames_are_numbered_by(frames, t
     assert [chunk.to_record_batch().column("TimePanelBlueprint:fps")[0].as_py() for chunk in chunks] == [[per_second]]
 
 
+@pytest.mark.parametrize(("frames_of", "half"), [(range(4), None), (range(0, 10**9, 40_000_000), 960_000_000)])
+@pytest.mark.parametrize("first", [7, 10**18])
+def test_verdicts_of_frames_that_are_time_stamps_are_seen_for_seconds(frames, tmp_path, first, frames_of, half):
+    write_run(tmp_path / "run", {CONFIGURATION: frames})
+    (clip,) = find_clips(tmp_path / "run", None, None)
+    composed = replace(clip, frames=tuple(first + each for each in frames_of)).compose()
+    reader = RrdReader(composed.files_to_open(tmp_path)[0])
+    chunks = reader.stream(store=reader.blueprints()[0]).filter(components="TimeAxis:view_range")
+    ranges = [chunk.to_record_batch().column("TimeAxis:view_range")[0].as_py() for chunk in chunks]
+    windows = {(room["start"], room["end"]) for (room,) in ranges if room["end"] is not None}
+    assert windows == ({(-half, half)} if half else set())
+
+
 def test_there_is_a_plot_for_each_cue_that_was_measured(frames, tmp_path):
     def plots(run, chosen):
         write_run(run, {CONFIGURATION: chosen})
