@@ -55,7 +55,7 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
         If the file is of none of these kinds, or of a camera of another size.
     """
     if document_suffix(path):
-        camera = _of_document(path, _with_camera_table(read_document(path)), size_px)
+        camera = _of_document(path, _with_camera_table(read_document(path)), size_px, rectified=rectified)
     elif is_ros_text(text := read_text(path)):
         camera = read_ros_camera(path, text)
     else:
@@ -116,7 +116,7 @@ def realsense_cameras(document: Document) -> list[str]:
     return [name for name, table in tables if isinstance(table, Mapping) and {"fx", "fy"} <= table.keys()]
 
 
-def _of_document(path: Path, document: Document, size_px: tuple[int, int]) -> RawCamera:
+def _of_document(path: Path, document: Document, size_px: tuple[int, int], *, rectified: bool) -> RawCamera:
     if "projection_matrix" in document:
         return ros_camera(document, str(path))
     if "fx" in document:
@@ -124,7 +124,7 @@ def _of_document(path: Path, document: Document, size_px: tuple[int, int]) -> Ra
     if isinstance(by_columns := document.get("intrinsic_matrix"), list) and np.shape(by_columns) == (9,):
         k = numbers(by_columns, f"{path}: intrinsic_matrix", 9).reshape(3, 3).T
         document = {**document, "intrinsic_matrix": k}
-    camera = opencv_camera(document, size_px, str(path))
+    camera = opencv_camera(document, size_px, str(path), rectified=rectified)
     if camera is None:
         cameras = realsense_cameras(document)
         found = f"the cameras {', '.join(cameras)}" if cameras else listed([str(name) for name in document], 8)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -175,7 +175,8 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
     is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in _WAYS)
     if is_rectifying or is_posed:
         if is_fisheye is None:
-            _check_lenses_are_told(document, where)
+            columns = [name for name in document if _role(name) in ("D1", "D2")]
+            _check_lenses_are_told(document, columns, where, "in [source]")
         size_px = size_px or size()
         first, second = (
             RawCamera(
@@ -224,15 +225,17 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
     raise VfoaError(f"{where}: found {there}; {expected}, or P1 P2 of rectified images")
 
 
-def opencv_camera(document: Document, size_px: tuple[int, int], where: str) -> RawCamera | None:
+def opencv_camera(
+    document: Document, size_px: tuple[int, int], where: str, *, rectified: bool = False
+) -> RawCamera | None:
     """Return the camera of a file of calibrateCamera, which has one matrix, for images of this size if it names none.
 
-    None: there is no matrix under such a name.
+    None: there is no matrix under such a name. ``rectified``: the lens of the coefficients does not matter.
 
     Raises
     ------
     VfoaError
-        If the matrix or the coefficients occur under two names or have a wrong shape.
+        If the matrix or the coefficients occur under two names or have a wrong shape, or may be of cv2.fisheye.
     """
     _check_model(document, where)
     read = {role: [name for name in document if _plain(name) in _OF_A_CAMERA[role]] for role in "KD"}
@@ -244,7 +247,10 @@ def opencv_camera(document: Document, size_px: tuple[int, int], where: str) -> R
     values = {role: numbers(document[name], f"{where}: {name}") for role, names in read.items() for name in names}
     k = _of_shape(values, "K", where)
     size = image_size(document, k, where) or size_px
-    model: Model = "equidistant" if says_fisheye(document) else "plumb_bob"
+    is_fisheye = says_fisheye(document)
+    if is_fisheye is None and not rectified:
+        _check_lenses_are_told(document, read["D"], where, "in the file, beside it")
+    model: Model = "equidistant" if is_fisheye else "plumb_bob"
     return RawCamera(size_px=size, k=k, d=values.get("D", np.zeros(0)), model=model)
 
 
@@ -257,17 +263,17 @@ def _check_model(document: Document, where: str) -> None:
         )
 
 
-def _check_lenses_are_told(document: Document, where: str) -> None:
-    """Raise a :class:`VfoaError` for a column of four coefficients, which cv2.fisheye returns.
+def _check_lenses_are_told(document: Document, names: Iterable[str], where: str, place: str) -> None:
+    """Raise a :class:`VfoaError` for a column of four coefficients, which cv2.fisheye returns, under these names.
 
     cv2.stereoCalibrate returns five or more. Four in a row or in a list are mostly k1, k2, p1, p2, which people and
     other programs write.
     """
-    for name, value in document.items():
-        if _role(name) in ("D1", "D2") and np.shape(value) == (4, 1) and np.any(value):
+    for name in names:
+        if np.shape(document[name]) == (4, 1) and np.any(document[name]):
             raise VfoaError(
                 f"{where}: {name}: found a column of 4 coefficients, as cv2.fisheye returns it, and nothing that names "
-                "the lens; expected fisheye = true in [source], or fisheye = false if they are k1, k2, p1, p2"
+                f"the lens; expected fisheye = true {place}, or fisheye = false if they are k1, k2, p1, p2"
             )
 
 

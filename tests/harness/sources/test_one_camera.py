@@ -117,6 +117,19 @@ def test_a_camera_by_names_may_have_opencv_s_for_the_rest(tmp_path: Path) -> Non
     assert read_one_camera(fisheye, SIZE).model == "equidistant"
 
 
+@pytest.mark.parametrize(("said", "model"), [(True, "equidistant"), (False, "plumb_bob")])
+def test_a_column_of_four_coefficients_is_asked_for(tmp_path: Path, *, said: bool, model: str) -> None:
+    path, d = tmp_path / "camera.npz", np.array([[0.1], [-0.2], [0.001], [0.002]])
+    np.savez(path, K=K, D=d)
+    with pytest.raises(VfoaError, match=r"D: found a column of 4 .*fisheye = true in the file"):
+        read_one_camera(path, SIZE)
+    assert not read_one_camera(path, SIZE, rectified=True).d.any()
+    np.savez(path, K=K, D=d, fisheye=said)
+    assert read_one_camera(path, SIZE).model == model
+    np.savez(path, K=K, D=d.T)
+    assert read_one_camera(path, SIZE).model == "plumb_bob"
+
+
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json", "npz"])
 @pytest.mark.parametrize(("fisheye", "model"), [({}, "plumb_bob"), ({"fisheye_model": 1}, "equidistant")])
 def test_opencv_s_camera_is_read(tmp_path: Path, suffix: str, fisheye: dict[str, int], model: str) -> None:
