@@ -60,7 +60,7 @@ export class Page {
     this.take(about);
     this.state = read(first.state);
     panel.makePlenty(this.hasRun);
-    addEventListener("resize", () => this.go(this.wanted)); // names are larger on a narrow screen
+    addEventListener("resize", () => this.go(this.wanted)); // names are as large on every screen
     addEventListener("pagehide", () => { this.drawing.rest(); this.lastSeen.tell(); this.queue.leave(); });
     addEventListener("beforeunload", (event) => { if (this.queue.waiting || this.keyQueue.waiting || this.drawing.waits) event.preventDefault(); });
     addEventListener("focus", () => this.queue.refresh());

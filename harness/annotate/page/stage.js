@@ -9,7 +9,7 @@ const PICTURES = 16; // decoded ones are large
 const SCENES = 200;
 const LEAST_LETTERS = 14; // of a name on the picture, however small the object; the button below has all of it
 const LETTER = .6; // width over height
-const narrow = matchMedia("(max-width: 600px)");
+const NARROW_PX = 500; // a picture of at most this width has smaller names
 
 export class Stage {
   // name(object): its name and style; choose(object, point, at): it was clicked in the frame at this position; changed():
@@ -50,15 +50,16 @@ export class Stage {
     this.view.element.style.setProperty("--aspect", width / height);
     const [u0, v0, u1, v1] = this.bounds = this.view.region || [0, 0, ...scene.size_px];
     this.overlay.setAttribute("viewBox", `${u0} ${v0} ${u1 - u0} ${v1 - v0}`);
-    this.unit = (u1 - u0) / this.view.element.clientWidth; // pixels of the image per pixel of the screen
+    this.showBeside(at, subject, scene); // first, since it narrows the picture
+    this.widthPx = this.view.element.clientWidth;
+    this.unit = (u1 - u0) / this.widthPx; // pixels of the image per pixel of the screen
     Object.assign(this, { scene, at });
-    this.showBeside(at, subject, scene);
   }
 
   // Draw outlines and names of the frame that is shown, unless they are drawn already.
   draw(subject, names) {
     const { scene } = this;
-    this.letter = (narrow.matches ? 12 : 17) * this.unit; // its height in pixels of the image
+    this.letter = (this.widthPx > NARROW_PX ? 17 : 12) * this.unit; // its height in pixels of the image
     const now = [scene, subject, names, this.letter, String(this.bounds)];
     if (!scene || now.every((each, place) => each === this.drawn[place])) return;
     this.drawn = now;

@@ -424,6 +424,9 @@ def test_the_wheel_keeps_what_is_under_the_pointer_there_and_names_legible_also_
         "document.getElementById('overlay').getScreenCTM().a"
     )
     assert page.js(size_px) == pytest.approx(17, abs=0.5)
+    page.keys("d", "h")  # there is less room for the picture beside two others
+    assert page.js(size_px) == pytest.approx(12 if page.find("#stage").size["width"] <= 500 else 17, abs=0.5)
+    page.keys("d", "h")
     turn = """
         const [across, down] = arguments;
         const [overlay, box] = ['overlay', 'picture'].map((id) => document.getElementById(id));
