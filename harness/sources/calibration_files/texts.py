@@ -144,8 +144,9 @@ def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
     baseline = values[9] if len(values) == 10 else baseline_m
     if baseline is None:
         raise IncompleteCalibrationError(
-            f"{path}: a camera matrix without a baseline; expected a line with the distance of the two cameras in "
-            "metres, or --baseline METRES (baseline_m in [source])"
+            f"{path}: a camera matrix without a baseline; expected, of rectified images, a line with the distance of "
+            "the two cameras in metres, or --baseline METRES (baseline_m in [source]); of others, K1 D1 K2 D2 R T in "
+            "one file .npz (datasets/README.md says how)"
         )
     if not baseline > 0:
         raise VfoaError(f"{path}: the baseline is {baseline:g}; expected a positive number of metres")

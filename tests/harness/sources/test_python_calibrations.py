@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pathlib
 import pickle
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from harness.sources.calibration_files.read import find_calibrations, read_camer
 from harness.sources.rectification import RawCalibration
 from tests.calibrations import RIG, SIZE, opencv_nodes, rectification, write_opencv
 from tests.disk import write_bytes, write_text
+from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 
 NODES: dict[str, Any] = opencv_nodes(RIG)
@@ -161,16 +163,22 @@ def test_what_is_advised_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert cameras.left.size_px == SIZE
 
 
-def test_what_is_advised_for_pickles_and_arrays_makes_a_calibration(
+def test_what_is_advised_for_pickles_arrays_and_texts_makes_a_calibration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_bytes(tmp_path / "FILE", pickle.dumps(TUTORIAL))
     for name, array in NODES.items():
         np.save(tmp_path / f"{name}.npy", array)
-    for advice in (FROM_PICKLE, FROM_ARRAYS):
+        np.savetxt(tmp_path / f"{name}.txt", array)
+    page = (REPOSITORY / "datasets" / "README.md").read_text(encoding="utf-8")
+    (from_texts,) = re.findall(r"`(np\.savez\([^`]*np\.loadtxt\([^`]*)`", page)
+    for advice in (FROM_PICKLE, FROM_ARRAYS, from_texts):
+        (tmp_path / "stereo.npz").unlink(missing_ok=True)
         exec(advice, {"np": np, "pickle": pickle, "pathlib": pathlib})
-        assert isinstance(read_cameras([tmp_path / "stereo.npz"], _size), RawCalibration)
+        cameras = read_cameras([tmp_path / "stereo.npz"], _size)
+        assert isinstance(cameras, RawCalibration)
+        np.testing.assert_allclose(cameras.right.d, NODES["D2"].ravel())
 
 
 @pytest.mark.parametrize(
