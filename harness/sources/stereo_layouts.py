@@ -45,7 +45,7 @@ _WIDTH = 96
 _LEAST_CONTRAST = 1e-3
 _KITTI_2015 = "*_10.png"
 """The frames with ground truth; ``*_11.png`` are the next ones of the same scenes."""
-_TIMES = ("timestamps.txt", "times.txt")
+_TIMES = ("timestamps.txt", "times.txt", "timestamps.csv", "times.csv")
 """Names of a file with the time of each left image, in its folder or the one above: KITTI's, and people's."""
 _DEPTH_WORD = re.compile(r"depth|disp", re.IGNORECASE)
 

@@ -249,6 +249,9 @@ TENTHS = (0, 1, 5)
         ("timestamps.txt", ["# time", *(f"{1_718_000_000 + tenths / 10}" for tenths in TENTHS)]),
         ("left/timestamps.txt", [f"{1_718_000_000_123_456_789 + tenths * 10**8}" for tenths in TENTHS]),
         ("timestamps.txt", [f"{1_718_000_000_123 + tenths * 100}" for tenths in TENTHS]),
+        ("timestamps.csv", ["frame,timestamp", *(f"{tenths},{1_718_000_000 + tenths / 10}" for tenths in TENTHS)]),
+        ("left/timestamps.csv", ["Time Stamp (ms),file", *(f"{tenths * 100},a.png" for tenths in TENTHS)]),
+        ("times.csv", [f"2026-11-28T09:00:00.{tenths}" for tenths in TENTHS]),
     ],
 )
 @pytest.mark.parametrize("names", [("left/{}.png", "right/{}.png"), ("left_{}.png", "right_{}.png")])
@@ -302,6 +305,16 @@ def test_images_that_are_called_rectified_are_not_rectified_again(
     other = load_manifest("other").open_images().frame(1).right
     assert other is not None
     assert np.array_equal(other, views(1)[1]) != is_rectified
+
+
+@pytest.mark.parametrize(
+    "table",
+    ["frame_index,wall_time_s,unix_time_s\n0,0.1,1718000000.1\n", "frame,timestamp_ms\n1,x\n", "", "a,time\n1\n"],
+)
+def test_tables_of_times_that_cannot_be_read_say_how_to_go_without(tmp_path: Path, table: str) -> None:
+    images(tmp_path / "data", "left/{}.png", "right/{}.png")
+    write_text(tmp_path / "data" / "timestamps.csv", table)
+    assert "--set left=left --set right=right reads the images without it" in refused(tmp_path / "data", *NUMBERS)
 
 
 def test_a_pointer_of_git_lfs_says_so(tmp_path: Path) -> None:
