@@ -129,7 +129,7 @@ def reliabilities(subjects: Iterable[JudgedSubject]) -> list[Reliability]:
     for name, group in _with_values(subjects, "confidence").items():
         columns = ([each.confidence, each.correct, each.brier] for each in group)
         frames = np.concatenate([np.stack(of_subject, axis=1) for of_subject in columns])
-        clips = list(dict.fromkeys(of_subject.clip for of_subject in group))
+        clips = sorted({of_subject.clip for of_subject in group})
         codes = np.repeat(
             [clips.index(of_subject.clip) for of_subject in group], [len(of_subject.frames) for of_subject in group]
         )

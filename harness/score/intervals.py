@@ -304,12 +304,14 @@ class Pairs:
 def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs:
     """Pair frames by clip, subject and frame. Looks are those of the first, reduced to the common frames.
 
+    They are in the order of the names, so that nothing depends on the order in which clips are given.
+
     Raises
     ------
     VfoaError
         If a frame has another true target in the second, or one was run under more seeds.
     """
-    first, second = list(first), list(second)
+    first, second = sorted(first, key=lambda scored: (scored.clip, scored.subject)), list(second)
     repeats, *more = dict.fromkeys(scored.seeds for scored in (*first, *second)) or (1,)
     if more:
         raise VfoaError(f"found runs under {repeats} and under {more[0]} seeds; expected the same number in both")

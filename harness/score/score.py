@@ -356,13 +356,14 @@ def _count(flags: Flags) -> int:
 def _units_of(group: Sequence[JudgedSubject], values: Sequence[NDArray[Any]]) -> Units:
     """The looks of some subjects, with the sums over their frames of a value (n,) per frame."""
     clips: dict[str, int] = {}
-    sums: dict[tuple[str, str], Float] = {}  # (looks, 2) by clip and subject: seeds share the looks
+    of_tracks: dict[tuple[str, str], Float] = {}  # (looks, 2) by clip and subject: seeds share the looks
     for of_subject, value in zip(group, values, strict=True):
         of_looks = np.stack([np.bincount(of_subject.looks), np.bincount(of_subject.looks, value)], axis=1).astype(
             np.float64
         )
         key = of_subject.clip, of_subject.subject
-        sums[key] = sums[key] + of_looks if key in sums else of_looks
+        of_tracks[key] = of_tracks[key] + of_looks if key in of_tracks else of_looks
+    sums = dict(sorted(of_tracks.items()))  # what is drawn does not depend on the order in which clips are given
     codes, looks = [clips.setdefault(clip, len(clips)) for clip, _ in sums], [*map(len, sums.values())]
     frames, totals = np.concatenate(list(sums.values())).T
     tracks = np.repeat(np.arange(len(sums)), looks)

@@ -11,6 +11,7 @@ from harness.report.tables import phases_table
 from harness.run.manifest import AnswerTraits
 from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, SEES_LABELS
+from harness.score.comparison import compare
 from harness.score.judged_subjects import JudgedSubject
 from harness.score.looks import correlation_time_s, number_looks
 from harness.score.metrics import LEAST_PROBABILITY
@@ -420,3 +421,21 @@ def test_losses_are_those_of_scikit_learn_and_no_answer_is_the_worst() -> None:
     of_first_two = 2 * log_loss([0, 2], [[0.5, 0.3, 0.2], [0.0, 0.25, 0.75]], labels=[0, 1, 2])
     assert row.metrics["log_loss"] == pytest.approx((of_first_two - 2 * math.log(LEAST_PROBABILITY)) / 4)
     assert row.metrics["brier"] == pytest.approx((0.25 + 0.09 + 0.04 + 0.0625 + 0.0625 + 1 + 1 + 0.0625 + 0.5625) / 4)
+
+
+@pytest.mark.parametrize("clips", [3, 14])
+def test_no_interval_or_test_depends_on_the_order_of_the_clips(clips: int) -> None:
+    rng = np.random.default_rng(clips)
+    truth = ["cup"] * 60 + ["can"] * 60 + ["cup"] * 60
+    records = {
+        (f"clip {k}", name): answers([*rng.choice(truth, 180)], configuration=name, clip=f"clip {k}")
+        for k in range(clips)
+        for name in ("one", "two")
+    }
+    reference = Reference(labels={f"clip {k}": labels(*truth) for k in range(clips)})
+    found = []
+    for order in ([*records], [*records][::-1]):
+        scores = score([record for pair in order for record in records[pair]], reference)
+        rates = {row.configuration: row.interval for row in scores.overall()}
+        found.append((rates, compare({name: scores.frames_of(name) for name in ("one", "two")})))
+    assert found[0] == found[1]
