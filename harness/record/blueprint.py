@@ -34,8 +34,8 @@ class ClipContent:
 
     ``per_second`` is how many numbers of frames a second has; None if it is not known.
     ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres. ``span`` is the
-    first and the last frame, None if they are not known yet. ``curves`` are the entity paths of attention that have
-    values.
+    first and the last frame, None if they are not known yet. ``is_from_0``: its times begin near 0, unlike those of
+    a clock. ``curves`` are the entity paths of attention that have values.
     """
 
     has_images: bool
@@ -44,6 +44,7 @@ class ClipContent:
     eye: tuple[Float, Float]
     per_second: float | None
     span: tuple[int, int] | None = None
+    is_from_0: bool = True
     curves: frozenset[str] = frozenset()
 
     def has_curves(self, path: str) -> bool:
@@ -197,7 +198,8 @@ def _documents(layers: LayerNames) -> list[rrb.TextDocumentView | rrb.TextLogVie
 def _plots(layers: LayerNames, subject: str | None, shown: ClipContent) -> rrb.Tabs | rrb.TimeSeriesView:
     """The attention to each target, and a tab for the part of each cue that was measured."""
     room, span = None, shown.span
-    if span is not None:  # for the legend, which would hide the first frames
+    # room for the legend, which would hide the first frames; on the timeline of times, it is there from 0 on
+    if span is not None and shown.is_from_0:
         left = rrb.TimeRangeBoundary.absolute(seq=int(span[0] - _LEGEND_SHARE * (span[1] - span[0])))
         # the range holds on the timeline of times, too, where a last frame would be some nanoseconds
         room = rrb.TimeAxis(view_range=rr.TimeRange(start=left, end=rrb.TimeRangeBoundary.infinite()))

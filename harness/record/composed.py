@@ -167,9 +167,11 @@ def _content(clips: Sequence[RecordedClip]) -> ClipContent:
 
     images = [clip.files.images for clip in clips]
     curves = [clip.files.attention(layer.configuration) for clip in clips for layer in clip.layers]
+    curves = [file for file in curves if file.is_file()]
     paths = {
         chunk.entity_path for file in (*images, *curves) if file.is_file() for chunk in RecordingFile(file).chunks()
     }
+    times_ns = [span for file in curves if (span := RecordingFile(file).times_ns()) is not None]
     files = dict.fromkeys(clip.files.reconstruction(layer.reconstruction) for clip in clips for layer in clip.layers)
     frames = [frame for clip in clips for frame in clip.frames]
     return ClipContent(
@@ -179,8 +181,13 @@ def _content(clips: Sequence[RecordedClip]) -> ClipContent:
         eye=eye_on([points for file in files if file.is_file() for points in first_shapes(file)]),
         per_second=numbers_per_second(clips[0].frames, clips[0].rate_hz),
         span=(min(frames), max(frames)) if frames else None,
+        is_from_0=all(first <= _MOST_LENGTHS * (last - first) for first, last in times_ns),
         curves=frozenset(path for path in paths if path.startswith(f"{entities.ATTENTION}/")),
     )
+
+
+_MOST_LENGTHS = 9
+"""Lengths of a clip by which its first time may come after 0: its curves then take a tenth of a plot from 0 on."""
 
 
 def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[RecordedClip]:

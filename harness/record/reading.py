@@ -56,6 +56,12 @@ class RecordingFile:
         batches = (chunk.to_record_batch() for chunk in self.chunks() if "frame" in chunk.timeline_names)
         return {number for batch in batches for number in batch.column("frame").cast("int64").to_pylist()}
 
+    def times_ns(self) -> tuple[int, int] | None:
+        """Return the first and the last time, nanoseconds; None without any."""
+        batches = (chunk.to_record_batch() for chunk in self.chunks() if "time" in chunk.timeline_names)
+        times = [batch.column("time").cast("int64").to_numpy() for batch in batches if batch.num_rows]
+        return (int(min(map(np.min, times))), int(max(map(np.max, times)))) if times else None
+
     def properties(self) -> dict[str, object]:
         """Return the properties of the recording that are single values, by name."""
         by_name: dict[str, object] = {}

@@ -87,6 +87,21 @@ def test_plots_end_with_their_data_on_the_timelines_of_frames_and_of_times(frame
     assert all(room["start"] < first and room["end"] is None for (room,) in ranges)
 
 
+@pytest.mark.parametrize(("begins_ns", "has_room"), [(0, True), (10**18, False)])
+def test_a_plot_does_not_begin_in_1970_where_times_are_those_of_a_clock(frames, tmp_path, begins_ns, has_room):
+    def later(shown):
+        time_ns = begins_ns + 40_000_000 * shown.frame.index
+        scene = replace(shown.result.scene, time_ns=time_ns)
+        frame, record = replace(shown.frame, time_ns=time_ns), replace(shown.record, time_ns=time_ns)
+        return replace(shown, frame=frame, record=record, result=replace(shown.result, scene=scene))
+
+    write_run(tmp_path / "run", {CONFIGURATION: [later(each) for each in frames]})
+    (composed,) = find_recordings(tmp_path / "run", None, None)
+    reader = RrdReader(composed.files_to_open(tmp_path)[0])
+    chunks = reader.stream(store=reader.blueprints()[0]).filter(components="TimeAxis:view_range")
+    assert any(True for _ in chunks) == has_room
+
+
 @pytest.mark.parametrize(("step", "per_second"), [(1, 25), (8, 200), (40_000_000, 1e9)])
 def test_the_viewer_plays_in_real_time_whatever_frames_are_numbered_by(frames, tmp_path, step, per_second):
     """They are counted, or every eighth is there of counted ones, or they are nanoseconds."""
