@@ -32,18 +32,20 @@ class DepthFolderSettings(Settings):
 
     ``colour`` and ``depth`` are folders, globs (``depth/*.npy``), printf patterns, or two lists of times and files
     (``rgb.txt``, ``depth.txt``, or twice ``associations.txt``), joined if they are at most ``tolerance_ms`` apart.
-    ``stamps``: the numbers in the files' names are times, in this unit, and joined likewise.
+    ``stamps``: the numbers in the files' names are times, in this unit, and joined likewise. ``times`` is a file with
+    the time of each colour image in a line, or in a column of a table, as of a ``stereo_folder``.
     ``depth_scale`` is the number of counts per metre (if not given, integers are in the unit that the calibration's
     file has as ``depth_scale``, else millimetres, and floating point numbers metres; TUM RGB-D has 5000). The camera is
     a file (``calibration``) or numbers (``camera``); ``rectified``: the images have no lens distortion. ``rate_hz`` is
-    how many numbers of frames a second has. Without it, times are those of the lists or names; images without times
-    count as 25 numbers a second.
+    how many numbers of frames a second has. Without it, times are those of the lists, names or file; images without
+    times count as 25 numbers a second.
     """
 
     colour: str
     depth: str
     depth_scale: float | None = Field(default=None, gt=0)
     stamps: StampUnit | None = None
+    times: str | None = None
     tolerance_ms: float = Field(default=DEPTH_TOLERANCE_MS, ge=0)
     calibration: str | None = None
     camera: Intrinsics | None = None
@@ -57,6 +59,8 @@ class DepthFolderSettings(Settings):
             raise ValueError("found camera.baseline_m; expected none for a camera that measures depth")
         if self.stamps is not None and (self.rate_hz is not None or self.colour.endswith(".txt")):
             raise ValueError(f"stamps: found {self.stamps!r}; expected neither lists nor rate_hz beside it")
+        if self.times is not None and (self.stamps is not None or self.colour.endswith(".txt")):
+            raise ValueError(f"times: found {self.times!r}; expected neither lists nor stamps beside it")
         return self
 
 
@@ -84,13 +88,14 @@ class DepthFolderClip:
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         files = settings.colour, settings.depth
-        self._files = find_depth_frames(folder, *files, settings.tolerance_ms, settings.stamps)
+        stamps, times = settings.stamps, settings.times
+        self._files = find_depth_frames(folder, *files, settings.tolerance_ms, stamps, times)
         self.frames = tuple(self._files.colours)
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
         """Recognise folders or names of colour and of depth, TUM RGB-D."""
-        return recognise_depth(path)
+        return recognise_depth(path, given)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -121,7 +126,7 @@ class DepthFolderClip:
         return rate_of(self._files.times_ns.values()) if self._files.times_ns else None
 
     def time_ns(self, number: int) -> int:
-        """Time from lists or names, or the number over the rate (without these, or if the manifest gives a rate)."""
+        """Time from lists, names or a file; of none, or if the manifest gives a rate, the number over the rate."""
         check_number(number, self.frames, self._folder)
         if self._files.times_ns is None or self._settings.rate_hz:
             return number_time_ns(number, self._settings.rate_hz)
@@ -152,7 +157,7 @@ class DepthFolderClip:
         paths = [(f"{role} {number}", path_of[number]) for number in self.frames for role, path_of in roles]
         if self._settings.calibration is not None:
             paths.append(("calibration", self._folder / self._settings.calibration))
-        settings = self._settings.model_dump_json(exclude={"colour", "depth", "calibration", "stamps"})
+        settings = self._settings.model_dump_json(exclude={"colour", "depth", "calibration", "stamps", "times"})
         return hashlib.sha256(f"{digest_files(paths)} {files.times_ns} {settings}".encode()).hexdigest()
 
     @cached_property

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -30,6 +31,7 @@ from harness.sources.media.frame_files import (
     walk_files,
 )
 from harness.sources.media.images import read_rgb
+from harness.sources.media.listed_times import find_times, read_times
 from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
 from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
 from vfoa.errors import VfoaError
@@ -76,17 +78,23 @@ class DepthFrames(NamedTuple):
 
 
 def find_depth_frames(
-    folder: Path, colour: str, depth: str, tolerance_ms: float, stamps: StampUnit | None = None
+    folder: Path,
+    colour: str,
+    depth: str,
+    tolerance_ms: float,
+    stamps: StampUnit | None = None,
+    times: str | None = None,
 ) -> DepthFrames:
     """Return the frames of two patterns of files (``rgb/*.png``), or of two lists of files with times (``rgb.txt``).
 
     Frames of lists are numbered from 1 by the colour images' times, at most ``tolerance_ms`` from the depth's.
-    ``stamps``: so far apart, too, may the numbers in names be, which are times in this unit.
+    ``stamps``: so far apart, too, may the numbers in names be, which are times in this unit. ``times``: a file with the
+    time of each colour image.
 
     Raises
     ------
     VfoaError
-        If no frame has both.
+        If no frame has both, or the times are not those of the colour images.
     """
     if colour.endswith(".txt") != depth.endswith(".txt"):
         raise VfoaError(f"{folder}: colour {colour!r} and depth {depth!r}: expected two lists (.txt), or none")
@@ -99,8 +107,8 @@ def find_depth_frames(
     else:
         colours, depths = (find_frames(folder, pattern, str(folder)) for pattern in (colour, depth))
     if has_times := is_listed or stamps is not None:
-        times, others = list(colours), list(depths)
-        pairs = [(times[i], others[j]) for i, j in join_times(times, others, round(tolerance_ms * 1e6 / tick_ns))]
+        own, others = list(colours), list(depths)
+        pairs = [(own[i], others[j]) for i, j in join_times(own, others, round(tolerance_ms * 1e6 / tick_ns))]
         rule = f"within {tolerance_ms:g} ms (tolerance_ms)"
     else:
         pairs = [(number, number) for number in sorted(colours.keys() & depths.keys())]
@@ -108,10 +116,13 @@ def find_depth_frames(
     if not pairs:
         raise VfoaError(f"{folder}: no image of {colour!r} has a partner in {depth!r} {rule}")
     numbered = dict(enumerate(pairs, start=1)) if is_listed else {pair[0]: pair for pair in pairs}
+    times_ns: Mapping[int, int] | None = {key: key * tick_ns for key in colours} if has_times else None
+    if times is not None:
+        times_ns = read_times(folder / times, colours)
     return DepthFrames(
         {number: colours[key] for number, (key, _) in numbered.items()},
         {number: depths[key] for number, (_, key) in numbered.items()},
-        {number: time * tick_ns for number, (time, _) in numbered.items()} if has_times else None,
+        None if times_ns is None else {number: times_ns[key] for number, (key, _) in numbered.items()},
         tuple(
             f"{name}: {len(files) - len(pairs)} of {len(files)} images have no partner {rule}"
             for name, files in ((colour, colours), (depth, depths))
@@ -143,13 +154,16 @@ _TUM_CAMERAS = {
 """fx, fy, cx, cy as TUM publishes them; the small lens distortion of the first two cameras is left out."""
 
 
-def recognise_depth(path: Path) -> tuple[Recognised, ...]:
+def recognise_depth(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
     """Return every way to read a folder as colour with depth; none for anything else.
+
+    A file of times beside the images is left out if the rate is given, or that the numbers in names are times.
 
     Raises
     ------
     VfoaError
-        If there are files called depth beside those of colour, and no depth can be read from them.
+        If there are files called depth beside those of colour, and no depth can be read from them, or a file of times
+        beside them that are not theirs.
     """
     if not path.is_dir():
         return ()
@@ -164,11 +178,25 @@ def recognise_depth(path: Path) -> tuple[Recognised, ...]:
             faults.append(fault)
             continue
         for colour in colours:
+            source = {"colour": colour, "depth": depth, **_stamps(path, colour, depth)}
             with suppress(VfoaError):  # no partners
-                readings.append(_recognised(path, {"colour": colour, "depth": depth, **_stamps(path, colour, depth)}))
+                readings.append(_recognised(path, source))
     if faults and not readings:
         raise faults[0]
-    return tuple(readings)
+    return tuple(readings if given.keys() & {"rate_hz", "stamps"} else map(_with_times, readings))
+
+
+def _with_times(reading: Recognised) -> Recognised:
+    """The reading with the file of times beside its colour images, if there is one and their names have none."""
+    colour = reading.source["colour"]
+    times = None if "stamps" in reading.source else find_times(reading.root, colour)
+    if times is None:
+        return reading
+    try:
+        read_times(reading.root / times, find_frames(reading.root, colour, str(reading.root)))
+    except VfoaError as error:
+        raise VfoaError(f"{error} (--set rate_hz=RATE reads the images without it)") from None
+    return replace(reading, source={**reading.source, "times": times})
 
 
 def _stamps(path: Path, *patterns: str) -> dict[str, StampUnit]:

@@ -28,6 +28,7 @@ from harness.sources.media.frame_files import (
     walk_files,
 )
 from harness.sources.media.images import read_raw, read_rgb
+from harness.sources.media.listed_times import find_times
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
 from harness.sources.stereo_pairs import PACKINGS, PairFiles, StereoPairs, find_sides
 from vfoa.errors import VfoaError, counted
@@ -45,8 +46,6 @@ _WIDTH = 96
 _LEAST_CONTRAST = 1e-3
 _KITTI_2015 = "*_10.png"
 """The frames with ground truth; ``*_11.png`` are the next ones of the same scenes."""
-_TIMES = ("timestamps.txt", "times.txt", "timestamps.csv", "times.csv")
-"""Names of a file with the time of each left image, in its folder or the one above: KITTI's, and people's."""
 _DEPTH_WORD = re.compile(r"depth|disp", re.IGNORECASE)
 
 
@@ -173,12 +172,11 @@ def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
     if stamps is not None:
         yield _open_stamped(root, PairFiles(left=left, right=right, stamps=stamps))
         return
-    folders = (Path(left), Path(left).parent) if (root / left).is_dir() else (Path(left).parent,)
-    listed = [(folder / name).as_posix() for folder in folders for name in _TIMES if (root / folder / name).is_file()]
+    times = find_times(root, left)
     try:
-        yield _open(root, PairFiles(left=left, right=right, times=listed[0] if listed else None))
+        yield _open(root, PairFiles(left=left, right=right, times=times))
     except VfoaError as error:
-        if not listed or listed[0] not in str(error):
+        if times is None or times not in str(error):
             raise
         raise VfoaError(f"{error} (--set left={left} --set right={right} reads the images without it)") from None
 

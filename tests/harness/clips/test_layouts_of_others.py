@@ -193,7 +193,7 @@ def test_kitti_has_the_times_of_its_file(tmp_path: Path) -> None:
     times = tmp_path / "data" / "image_02" / "timestamps.txt"
     write_text(times, times.read_text().replace(":27.", ":28."))
     assert load_manifest("mine").open().digest() != digest
-    for text, said in ((":28.1\n", "expected 3, one for each left image"), ("x\n", "timestamps.txt:1: found 'x'")):
+    for text, said in ((":28.1\n", "expected 3, one for each image"), ("x\n", "timestamps.txt:1: found 'x'")):
         write_text(times, times.read_text().partition("\n")[0] + "\n" if "28" in text else text)
         with pytest.raises(VfoaError, match=said):
             load_manifest("mine").open()

@@ -268,6 +268,31 @@ def test_names_that_are_times_are_joined_by_time(
     check_contract(clip)
 
 
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        ("timestamps.txt", "1718000000.0\n1718000000.1\n1718000000.5\n"),
+        ("rgb/timestamps.csv", "frame,timestamp_ms\n3,0\n4,100\n7,500\n"),
+    ],
+)
+def test_times_in_a_file_are_those_of_the_colour_images(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, text: str
+) -> None:
+    path = write_text(png(tmp_path / "take") / place, text)
+    (tmp_path / "take" / "depth" / "000004.png").unlink()
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["add", "take", *OPTIONS], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    clip = load_manifest("take").open()
+    assert (tuple(clip.frames), clip.time_ns(7) - clip.time_ns(3), clip.rate_hz) == ((3, 7), 500_000_000, 2.0)
+    check_contract(clip)
+    write_text(path, text[: text.rstrip().rindex("\n") + 1])
+    with pytest.raises(VfoaError, match="found 2 times; expected 3"):
+        CliRunner().invoke(app, ["add", "take", "--name", "wrong", *OPTIONS], catch_exceptions=False)
+    assert CliRunner().invoke(app, ["add", "take", "--name", "rate", *OPTIONS, "--set", "rate_hz=30"]).exit_code == 0
+    assert load_manifest("rate").open().time_ns(3) == 100_000_000
+
+
 def test_stamps_have_no_rate_beside_them() -> None:
     settings = {"colour": "rgb", "depth": "depth", "camera": CAMERA, "stamps": "us", "rate_hz": 30}
     with pytest.raises(ValueError, match=r"stamps: .*rate_hz"):
