@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +21,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2.writer import Writer as Ros2Writer
 from numpy.typing import NDArray
 
-Family = Literal["ros2", "protobuf"]
+Family = Literal["ros2", "protobuf", "json"]
 Pixels = Literal["raw", "png", "jpeg"]
 
 HEADER = """
@@ -159,10 +161,17 @@ class Recorder:
         else:
             if topic not in self._ids:
                 definition = build_file_descriptor_set(protobuf).SerializeToString()
-                schema = self.writer.register_schema(f"foxglove.{name}", "protobuf", definition)
-                self._ids[topic] = self.writer.register_channel(topic, "protobuf", schema)
-            message = protobuf(timestamp=Timestamp(seconds=sec, nanos=nanosec), **fields)
-            self.writer.add_message(self._ids[topic], log_ns, message.SerializeToString(), log_ns)
+                language = ("jsonschema", b"{}") if self._family == "json" else ("protobuf", definition)
+                schema = self.writer.register_schema(f"foxglove.{name}", *language)
+                self._ids[topic] = self.writer.register_channel(topic, self._family, schema)
+            if self._family == "json":
+                coded = {key: base64.b64encode(value).decode() for key, value in fields.items() if key == "data"}
+                stamp = {"timestamp": {"sec": sec, "nsec": nanosec}}
+                message = json.dumps({**stamp, "frame_id": "camera", **fields, **coded}).encode()
+            else:
+                stamped = protobuf(timestamp=Timestamp(seconds=sec, nanos=nanosec), **fields)
+                message = stamped.SerializeToString()
+            self.writer.add_message(self._ids[topic], log_ns, message, log_ns)
 
 
 @contextmanager
@@ -171,7 +180,7 @@ def recorder(path: Path, family: Family = "ros2", **options: Any) -> Iterator[Re
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         writer: Any = (Ros2Writer if family == "ros2" else Writer)(file, **options)
-        if family == "protobuf":
+        if family != "ros2":
             writer.start()
         yield Recorder(family, writer)
         writer.finish()

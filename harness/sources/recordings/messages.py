@@ -1,11 +1,14 @@
-"""Messages of cameras in ROS 1, ROS 2 and Foxglove's protobuf: types, decoding, contents."""
+"""Messages of cameras in ROS 1, ROS 2 and of Foxglove in protobuf and JSON: types, decoding, contents."""
 
 from __future__ import annotations
 
+import base64
+import json
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import mcap_protobuf.decoder
@@ -40,14 +43,16 @@ _ROS: dict[str, Kind] = {
     "tf2_msgs/msg/TFMessage": "transforms",
     "realsense2_camera_msgs/msg/Extrinsics": "extrinsics",
 }
+_FOXGLOVE: dict[str, Kind] = {
+    f"foxglove.{name.rpartition('/')[2]}": kind for name, kind in _ROS.items() if name.startswith("foxglove_msgs/")
+}
 _KINDS: dict[str, dict[str, Kind]] = {
     "cdr": _ROS,
     "ros1": _ROS,
+    "protobuf": _FOXGLOVE,
+    "json": _FOXGLOVE,
     zed.ENCODING: {zed.IMAGES: "compressed"},
     orbbec.ENCODING: {orbbec.IMAGE: "raw", orbbec.PROFILE: "calibration"},
-    "protobuf": {
-        f"foxglove.{name.rpartition('/')[2]}": kind for name, kind in _ROS.items() if name.startswith("foxglove_msgs/")
-    },
 }
 
 _POSES = frozenset(
@@ -87,7 +92,7 @@ def codec_of(form: str) -> Codec | None:
 Content = bytes | memoryview
 """What a message holds: bytes of its own, or a part of the chunk that it is in."""
 
-READ = "messages of ROS 1, of ROS 2 (cdr), of Foxglove in protobuf, or of the ZED's SDK"
+READ = "messages of ROS 1, of ROS 2 (cdr), of Foxglove in protobuf or JSON, or of the ZED's SDK"
 """What is read, for errors."""
 
 
@@ -112,12 +117,12 @@ class MessageType:
 
     @property
     def encoding(self) -> str:
-        """The encodings of messages and schema, as an error lists them: ``json (jsonschema)``."""
+        """The encodings of messages and schema, as an error lists them: ``flatbuffer (flatbuffer)``."""
         return f"{self.message_encoding} ({self.schema_encoding or 'no schema'})"
 
     @property
     def is_unread_image(self) -> bool:
-        """Whether it carries images in an encoding that is not read, such as Foxglove's in JSON."""
+        """Whether it carries images in an encoding that is not read, such as Foxglove's in FlatBuffers."""
         named = {kinds.get(name) for kinds in _KINDS.values() for name in (self.name, ros_name(self.name))}
         return self.kind is None and not IMAGES.isdisjoint(named)
 
@@ -183,7 +188,7 @@ _PLAIN_CDR = (b"\0\0", b"\0\1")
 def fields_of(kind: MessageType, data: Content, where: str) -> Callable[[str], Any]:
     """Decode a message; the returned function gives its fields by name, in the spelling of ROS 2.
 
-    ROS 1 and Foxglove write the matrices of a calibration in capitals.
+    ROS 1 and Foxglove write the matrices of a calibration in capitals, some scripts in JSON as ROS 2.
     """
     # rosbags supports only XCDR1; it would misread the other encapsulations, whose alignment differs
     if kind.message_encoding == "cdr" and data[:2] not in _PLAIN_CDR:
@@ -240,11 +245,24 @@ def reading(kind: MessageType, where: str) -> AbstractContextManager[None]:
 def _decoder(kind: MessageType) -> Callable[[Content], Any]:
     if kind.is_ros:
         return _ros_decoder(kind)
+    if kind.message_encoding == "json":
+        return _from_json
     schema = Schema(id=1, name=kind.name, encoding=kind.schema_encoding, data=kind.schema)
     decoder = mcap_protobuf.decoder.DecoderFactory().decoder_for(kind.message_encoding, schema)
     if decoder is None:
         raise ValueError(f"no decoder for a schema in {kind.schema_encoding!r}")
     return lambda data: decoder(bytes(data))
+
+
+_OMITTED = {"timestamp": SimpleNamespace(sec=0, nsec=0), "frame_id": "", "format": "", "distortion_model": ""}
+_OMITTED |= dict.fromkeys("DRP", ())
+"""Values of fields that scripts leave out of messages in JSON: the same that protobuf has for them."""
+
+
+def _from_json(data: Content) -> Any:
+    """A message whose objects have their keys as attributes."""
+    message = json.loads(bytes(data), object_hook=lambda fields: SimpleNamespace(**fields))
+    return SimpleNamespace(**_OMITTED | vars(message))
 
 
 def _ros_decoder(kind: MessageType) -> Callable[[Content], Any]:
@@ -318,9 +336,21 @@ def stamp_ns(kind: MessageType, data: Content, where: str) -> int:
     """
     with reading(kind, where):
         field = fields_of(kind, data, where)
-        stamp = field("timestamp") if _is_flat(kind) else field("header").stamp
-        seconds, fraction_ns = (stamp.sec, stamp.nanosec) if kind.is_ros else (stamp.seconds, stamp.nanos)
-        return int(seconds) * 10**9 + int(fraction_ns)
+        return _nanoseconds(field("timestamp") if _is_flat(kind) else field("header").stamp)
+
+
+_TIMES = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"))
+"""Names of seconds and nanoseconds in ROS, protobuf and JSON, in which some write them by ROS's names."""
+
+
+def _nanoseconds(stamp: Any) -> int:
+    names = next((names for names in _TIMES if all(hasattr(stamp, name) for name in names)), None)
+    values = (stamp,) if names is None else [getattr(stamp, name) for name in names]
+    if names is None or any(value != int(value) for value in values):
+        shown = ", ".join(map(repr, values))
+        raise ValueError(f'found the time stamp {shown}; expected whole sec and nsec (or stamps = "log" in [source])')
+    seconds, fraction_ns = map(int, values)
+    return seconds * 10**9 + fraction_ns
 
 
 def picture(kind: MessageType, data: Content, where: str) -> ImageMessage:
@@ -342,12 +372,17 @@ def picture(kind: MessageType, data: Content, where: str) -> ImageMessage:
         return ImageMessage(
             form=str(field("encoding" if is_raw or is_ffmpeg else "format")),
             frame_id=frame_id.removeprefix("/"),  # tf's old names began with a slash
-            data=bytes(field("data")),
+            data=_bytes(field("data")),
             size_px=(int(field("width")), int(field("height"))) if is_raw else None,
             step=int(field("step")) if is_raw else 0,
             is_bigendian=is_raw and not _is_flat(kind) and bool(field("is_bigendian")),
             is_key=bool(int(field("flags")) & 1) if is_ffmpeg else None,  # FFmpeg's AV_PKT_FLAG_KEY
         )
+
+
+def _bytes(data: Any) -> bytes:
+    """The bytes of a field; in JSON they are base64, or numbers."""
+    return base64.b64decode(data, validate=True) if isinstance(data, str) else bytes(data)
 
 
 def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
@@ -364,6 +399,8 @@ def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
         field = fields_of(kind, data, where)
         size_px = int(field("width")), int(field("height"))
         values = {name: field(name.lower()) for name in "KDRP"}
+        if _is_flat(kind):  # Foxglove has no zeros for what is not set, as ROS has
+            values |= {name: [0.0] * count for name, count in (("R", 9), ("P", 12)) if not len(values[name])}
         camera = camera_of_ros(str(field("distortion_model")), size_px, values, where)
         if _is_flat(kind):
             return camera

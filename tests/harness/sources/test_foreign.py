@@ -70,15 +70,15 @@ def test_other_json_passes(text: str, tmp_path: Path) -> None:
     refuse_foreign(write_text(tmp_path / "a.json", text))
 
 
-def test_a_recording_of_json_says_in_what_its_images_are(tmp_path: Path) -> None:
+def test_a_recording_in_another_encoding_says_in_what_its_images_are(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
         for topic in ("/left", "/right"):
-            schema = writer.register_schema("foxglove.CompressedImage", "jsonschema", b"{}")
-            channel = writer.register_channel(topic, "json", schema)
+            schema = writer.register_schema("foxglove.CompressedImage", "flatbuffer", b"")
+            channel = writer.register_channel(topic, "flatbuffer", schema)
             writer.add_message(channel, log_time=1, publish_time=1, data=json.dumps(MESSAGE).encode())
         writer.finish()
-    with pytest.raises(VfoaError, match=r"a\.mcap: .*\(jsonschema\), .*protobuf"):
+    with pytest.raises(VfoaError, match=r"a\.mcap: .*\(flatbuffer\), .*protobuf"):
         McapClip(McapClip.Settings.model_validate({"recording": "a.mcap"}), tmp_path)

@@ -25,7 +25,7 @@ from vfoa.errors import VfoaError
 
 
 @pytest.mark.parametrize("pixels", ["raw", "png"])
-@pytest.mark.parametrize("family", ["ros2", "protobuf"])
+@pytest.mark.parametrize("family", ["ros2", "protobuf", "json"])
 def test_every_family_gives_back_what_was_recorded(tmp_path: Path, family: Family, pixels: Pixels) -> None:
     clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs(), family, pixels))
     assert list(clip.frames) == [1, 2, 3, 4, 5]
