@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, groupby
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from harness.labels.labels import IGNORED, Labels
 from harness.score.intervals import can_resample, draw, expanded_percentiles
-from harness.score.looks import number_looks, seconds_from_change
+from harness.score.looks import gaps, number_looks, seconds_from_change
 from harness.score.statistics import NO_INTERVAL, Counts, Interval
 from vfoa.errors import VfoaError
 from vfoa.scoring import cohen_kappa
@@ -130,13 +131,16 @@ def compare_annotators(
 
 
 def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Difference]:
-    """Return the ranges in which two annotators judged the same frames differently, by subject and frame."""
+    """Return the ranges in which two annotators judged the same frames differently, by subject and frame.
+
+    A gap between compared frames (:func:`harness.score.looks.gaps`) ends a range.
+    """
     ranges = []
     for compared in _compared(first, second, frames, range(len(frames)), 0.0):
-        answers = enumerate(zip(compared.places, compared.answers, strict=True))
-        # within a run of one difference, place in the clip and rank in the list grow together
-        for (_, (ours, theirs)), run in groupby(answers, key=lambda item: (item[1][0] - item[0], item[1][1])):
-            inside = [frames[place] for _, (place, _) in run]
+        gaps_before = [0, *np.cumsum(gaps(np.array(compared.places, dtype=np.intp))).tolist()]
+        answers = zip(gaps_before, compared.answers, compared.places, strict=False)
+        for (_, (ours, theirs)), run in groupby(answers, key=itemgetter(0, 1)):
+            inside = [frames[place] for _, _, place in run]
             if ours != theirs:
                 ranges.append(Difference(compared.subject, ours, theirs, inside[0], inside[-1], len(inside)))
     return ranges

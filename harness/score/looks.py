@@ -45,11 +45,16 @@ def number_looks(truth: Codes, positions: Codes, frames_per_second: float | None
     if len(truth) == 0:
         return np.zeros(0, dtype=np.intp)
     stride = _stride(positions)
-    begins = np.concatenate(([True], (np.diff(truth) != 0) | (np.diff(positions) > _GAP * stride)))
+    begins = np.concatenate(([True], (np.diff(truth) != 0) | gaps(positions)))
     looks = np.cumsum(begins) - 1
     if frames_per_second is None:
         return looks
     return joined(np.bincount(looks).astype(np.float64) * stride / frames_per_second, least_s)[looks]
+
+
+def gaps(positions: Codes) -> Flags:
+    """Whether (n - 1,) there is a gap between two scored frames: a longer step than the usual one."""
+    return np.diff(positions) > _GAP * _stride(positions)
 
 
 def _stride(positions: Codes) -> float:
@@ -185,7 +190,7 @@ def find_events(codes: Codes, positions: Codes) -> list[Event]:
     """
     if len(codes) == 0:
         return []
-    breaks = np.flatnonzero((np.diff(codes) != 0) | (np.diff(positions) > _GAP * _stride(positions))) + 1
+    breaks = np.flatnonzero((np.diff(codes) != 0) | gaps(positions)) + 1
     first = np.concatenate(([0], breaks))
     last = np.concatenate((breaks, [len(codes)])) - 1
     runs = zip(codes[first].tolist(), positions[first].tolist(), positions[last].tolist(), strict=True)

@@ -140,12 +140,20 @@ def test_differences_are_ranges_of_the_clips_frames() -> None:
     ]
 
 
+def test_differences_of_every_third_frame_are_one_range() -> None:
+    (found,) = differences(_labels(girl="c--b--b--b"), _labels(girl="c--c--c--c"), FRAMES)
+    assert (found.first_frame, found.last_frame, found.frames) == (4, 10, 3)
+
+
 @given(said=st.lists(st.tuples(*[st.sampled_from("bcni-")] * 2), max_size=40))
 def test_differences_hold_every_frame_that_differs(said: list[tuple[str, str]]) -> None:
     first, second = ("".join(column) for column in zip(*said, strict=True)) if said else ("", "")
-    expected = [k for k, (one, two) in enumerate(said, start=1) if one != two and not {one, two} & {"i", "-"}]
+    compared = [k for k, pair in enumerate(said, start=1) if not {*pair} & {"i", "-"}]
+    expected = [k for k in compared if len({*said[k - 1]}) > 1]
     found = differences(_labels(girl=first), _labels(girl=second), FRAMES)
-    assert [n for each in found for n in range(each.first_frame, each.last_frame + 1)] == expected
+    ranges = [[n for n in range(each.first_frame, each.last_frame + 1) if n in compared] for each in found]
+    assert [n for numbers in ranges for n in numbers] == expected
+    assert [len(numbers) for numbers in ranges] == [each.frames for each in found]
     for before, after in pairwise(found):
         assert after.first_frame > before.last_frame + 1 or (before.first, before.second) != (after.first, after.second)
 
