@@ -40,7 +40,7 @@ from vfoa.errors import VfoaError
 def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
     """Files by their time in ns, ascending; lines that begin with ``#`` are left out.
 
-    ``word``: of lines with two images, take the one whose path has this word, or the other one if neither has it.
+    ``word``: of lines with two images, ``depth`` takes the one whose path has this word, any other word the other one.
 
     Raises
     ------
@@ -53,7 +53,8 @@ def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
         if not cells or cells[0].startswith("#"):
             continue
         if len(cells) == 4 and word:  # ICL-NUIM has depth first
-            cells = max(cells[:2], cells[2:], key=lambda pair: word in pair[1].lower())
+            depth, colour = sorted((cells[2:], cells[:2]), key=lambda pair: _likeness_to_colour(pair[1].lower()))
+            cells = depth if word == "depth" else colour
         try:
             stamp_ns = round(Decimal(cells[0]) * 10**9)
             if len(cells) == 1:
@@ -66,6 +67,10 @@ def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
     if not images:
         raise VfoaError(f"{path}: no images; expected lines of a time in seconds and a file")
     return dict(sorted(images.items()))
+
+
+def _likeness_to_colour(path: str) -> int:
+    return ("rgb" in path) - ("depth" in path)
 
 
 class DepthFrames(NamedTuple):

@@ -191,14 +191,17 @@ def test_one_command_adds_a_layout(layout: str, tmp_path: Path, monkeypatch: pyt
     assert CliRunner().invoke(app, ["check", "mine"], catch_exceptions=False).exit_code == 0
 
 
+@pytest.mark.parametrize("colour", ["rgb", "color"])
 @pytest.mark.parametrize("depth_first", [False, True])  # ICL-NUIM writes depth first
 def test_a_list_of_associations_is_read_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, depth_first: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, depth_first: bool, colour: str
 ) -> None:
     path = tum(tmp_path / "rgbd_dataset_freiburg1_xyz")
+    (path / "rgb").rename(path / colour)
     rows = [[line for line in (path / f"{kind}.txt").read_text().splitlines() if "#" not in line] for kind in TUM_KINDS]
     pairs = [(rows[0][place], rows[1][other]) for place, other in ((0, 0), (1, 1), (3, 2))]
-    write_text(path / "associations.txt", "".join(" ".join(p[::-1] if depth_first else p) + "\n" for p in pairs))
+    lines = (" ".join(pair[::-1] if depth_first else pair) + "\n" for pair in pairs)
+    write_text(path / "associations.txt", "".join(lines).replace(" rgb/", f" {colour}/"))
     for kind in TUM_KINDS:
         (path / f"{kind}.txt").unlink()
     monkeypatch.chdir(tmp_path)
