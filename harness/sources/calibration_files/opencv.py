@@ -60,6 +60,9 @@ The cameras of most pairs differ by less than this in radians, and by more than 
 """
 _MOST_OFF = 2.0
 """Largest ratio of a baseline to the one of the matrices; a nominal one is off by some percent, another unit by 10."""
+_BASELINE = re.compile(rf".*baseline(?:{'|'.join(METRES)})?")
+_OF_LENS = re.compile(r"dist(?!ance)|coef|lens|k[1-6]$")
+"""Part of the plain name of a lens's distortion."""
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")
 _RECTIFICATION = ("R1", "R2", "P1", "P2")
@@ -67,6 +70,7 @@ _WAYS = _RECTIFICATION, ("R", "T")
 """What rectifies images, beside the lenses."""
 
 
+_TABLES_OF_A_CAMERA = ("{}", "{}cam", "{}camera", "cam{}", "camera{}")
 _ROLES = {
     **{f"{table}{name}": role for role in "RT" for name in _OF_THE_PAIR[role] for table in _TABLES_OF_THE_PAIR},
     **{f"{name}stereo": role for role in "RT" for name in _OF_THE_PAIR[role]},
@@ -78,7 +82,7 @@ _ROLES = {
     for sides in (("1", "l", "left"), ("2", "r", "right"))
     for spelling in (
         *(f"{name}{side}" for side in sides),
-        *(f"{side}{name}" for side in (sides[2], f"{sides[2]}camera", f"camera{sides[2]}")),
+        *(f"{table.format(sides[2])}{name}" for table in _TABLES_OF_A_CAMERA),
     )
 }
 """The role of each plain name: ``cameramatrixleft`` is K1. Names of camera 2 are MATLAB's."""
@@ -101,7 +105,9 @@ _SIZES = {
     "both": ("imagesize", "imgsize", "size", "imageshape", "imgshape", "framesize", "resolution", "imageresolution"),
 }
 """Plain names of the size of the images, without the part that says of which camera, or in which unit, it is."""
-_BESIDE_SIZE = re.compile(r"^(?:(?:left|right)(?:camera)?|camera(?:left|right))|(?:px)?(?:left|right|[lr012])?$")
+_BESIDE_SIZE = re.compile(
+    r"^(?:(?:left|right)(?:cam(?:era)?)?|cam(?:era)?(?:left|right))|(?:px)?(?:left|right|[lr012])?$"
+)
 
 
 def opencv_pair(
@@ -109,10 +115,10 @@ def opencv_pair(
 ) -> Cameras:
     """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
 
-    P1 and P2 without distortion, rotation or translation describe images that are rectified already. Of these four, a
-    matrix of zeros was not computed, and does not count; nor does any matrix without numbers. Lengths are in metres; in
-    the file's own unit if ``has_unit`` (the user gives it) or the file does not say it. ``fisheye`` is whether the
-    lenses are those of cv2.fisheye; None is what the file says.
+    P1 and P2 without distortion, rotation or translation describe images that are rectified already, and so do K1 and
+    K2 with a baseline. Of R1 R2 P1 P2, a matrix of zeros was not computed, and does not count; nor does any matrix
+    without numbers. Lengths are in metres; in the file's own unit if ``has_unit`` (the user gives it) or the file does
+    not say it. ``fisheye`` is whether the lenses are those of cv2.fisheye; None is what the file says.
 
     Raises
     ------
@@ -156,6 +162,18 @@ def _stated_unit_m(name: str) -> float | None:
     return next(of_baselines, _WITH_UNIT.get(plain))
 
 
+def _baseline(document: Document, where: str) -> float | None:
+    """The distance of the cameras that a file says, in its own unit; None if it says none."""
+    names = [name for name in document if _BASELINE.fullmatch(_plain(name))]
+    if not names:
+        return None
+    name = min(names, key=lambda name: _stated_unit_m(name) is not None)
+    baseline = float(numbers(document[name], f"{where}: {name}", 1)[0])
+    if not baseline > 0:
+        raise VfoaError(f"{where}: {name}: found {baseline:g}; expected a positive number")
+    return baseline
+
+
 def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool | None) -> Cameras:
     """The pair of :func:`opencv_pair` in the file's own unit."""
     document = _numbered_from_1(dict(_one_level(document)), where)
@@ -170,6 +188,11 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
     if matrices.keys() >= {"P1", "P2"} and (rectified or not unrectified):
         left, right = (_of_shape(matrices, f"P{number}", where) for number in "12")
         return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
+    has_lens = bool(unrectified) or any(_role(name) is None and _OF_LENS.search(_plain(name)) for name in document)
+    if matrices.keys() >= {"K1", "K2"} and not has_lens and (baseline := _baseline(document, where)) is not None:
+        left, right = (np.hstack([_of_shape(matrices, f"K{number}", where), np.zeros((3, 1))]) for number in "12")
+        right[0, 3] = -right[0, 0] * baseline
+        return from_projections(left, right, f"{where}: K1 and K2", size_px=size_px)
     is_fisheye = says_fisheye(document) if fisheye is None else fisheye
     model: Model = "equidistant" if is_fisheye else "plumb_bob"
     is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in _WAYS)
@@ -222,7 +245,7 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
             f"{where}: holds {' and '.join(unrectified)} of an unrectified pair but not all that rectifies it: found "
             f"{there}; {expected}, or rectified = true in [source] if the images are rectified"
         )
-    raise VfoaError(f"{where}: found {there}; {expected}, or P1 P2 of rectified images")
+    raise VfoaError(f"{where}: found {there}; {expected}, or, of rectified images, P1 P2, or K1 K2 and baseline")
 
 
 def opencv_camera(
@@ -295,6 +318,13 @@ def rectifies(document: Document) -> bool:
     """Whether a document has K and D of both cameras, and how they stand or how images are rectified."""
     roles = {_role(name) for name, _ in _one_level(document)}
     return any(roles >= {*_LENSES, *names} for names in _WAYS)
+
+
+def is_pair(document: Document) -> bool:
+    """Whether a document has K of both cameras, and how they stand or their distance."""
+    named = [name for name, _ in _one_level(document)]
+    roles = {_role(name) for name in named}
+    return roles >= {"K1", "K2"} and (roles >= {"R", "T"} or any(_BASELINE.fullmatch(_plain(name)) for name in named))
 
 
 def _with_pair_table(document: Document) -> Document:

@@ -24,6 +24,7 @@ from harness.sources.calibration_files import (
     texts,
     vins,
 )
+from harness.sources.calibration_files.camera_tables import with_matrices
 from harness.sources.calibration_files.documents import METRES, SUFFIXES, Unit
 from harness.sources.calibration_files.one_camera import realsense_cameras
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
@@ -167,11 +168,14 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
                 "cx_px, cy_px, baseline_m in [source.camera]), which this file does not hold"
             )
         return "DepthAI", depthai.depthai_pair(merged, size, where)
-    if named := realsense_cameras(merged):
+    named = realsense_cameras(merged)
+    merged = with_matrices(merged)
+    if named and not opencv.is_pair(merged):
         raise IncompleteCalibrationError(
-            f"{where}: found {listed(named, 4)} as a RealSense describes its cameras; expected four numbers, --fx --cx "
-            "--cy and --baseline in metres (the length of the translation between them): its infrared images are "
-            "rectified; of other images, K1 D1 K2 D2 R T"
+            f"{where}: found {listed(named, 4)} by the names of their numbers; expected, of rectified images, such as "
+            "a RealSense's infrared ones and the ZED's, a baseline beside left and right, or four numbers, --fx --cx "
+            "--cy and --baseline in metres (the length of the translation between them); of other images, K1 D1 K2 D2 "
+            "R T"
         )
     cameras = opencv.opencv_pair(
         merged,

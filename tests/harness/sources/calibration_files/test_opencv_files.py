@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from harness.sources.calibration import Calibration
 from harness.sources.calibration_files.documents import METRES, Unit
 from harness.sources.calibration_files.read import Options, find_calibrations, read_cameras
 from tests.calibration_formats import (
@@ -87,6 +88,94 @@ def _of_cameras(*names: str, of_matrix: str = "K", of_lens: str = "dist", **more
 def test_names_and_tables_of_people_s_scripts(tmp_path: Path, document: dict[str, Any]) -> None:
     path = write_text(tmp_path / "c.json", json.dumps(document))
     assert_rows_match_and_depths_come_back(read_raw([path]), RIG, points_ahead(4))
+
+
+_RECTIFIED = {"fx": 700.0, "fy": 700.0, "cx": 640.0, "cy": 360.0}
+
+
+@pytest.mark.parametrize(
+    ("document", "baseline_m"),
+    [
+        (
+            {  # as scripts with the ZED's SDK save its rectified cameras
+                "serial_number": 1234,
+                "resolution": {"width": 1280, "height": 720},
+                "left_cam": {**_RECTIFIED, "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0, "k3": 0.0, "h_fov": 84.9},
+                "right_cam": {**_RECTIFIED, "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0, "k3": 0.0, "h_fov": 84.9},
+                "baseline": 0.12,
+            },
+            0.12,
+        ),
+        (
+            {
+                **{f"{side}_cam": {**_RECTIFIED, "disto": [0.0] * 12} for side in ("left", "right")},
+                "stereo_baseline_mm": 63.0,
+            },
+            0.063,
+        ),
+        (
+            {  # a RealSense's infrared pair
+                "intrinsics": {
+                    side: {
+                        "fx": 700.0,
+                        "fy": 700.0,
+                        "ppx": 640.0,
+                        "ppy": 360.0,
+                        "coeffs": [0.0] * 5,
+                        "model": "distortion.brown_conrady",
+                    }
+                    for side in ("left", "right")
+                },
+                "baseline_m": 0.05,
+            },
+            0.05,
+        ),
+        ({"K_left": LISTS["K1"], "K_right": LISTS["K1"], "baseline": 0.1, "baseline_mm": 100.0}, 0.1),
+    ],
+)
+def test_two_rectified_cameras_and_their_baseline(tmp_path: Path, document: dict[str, Any], baseline_m: float) -> None:
+    path = write_text(tmp_path / "c.json", json.dumps(document))
+    found = read_cameras([path], size_px)
+    assert isinstance(found, Calibration)
+    fx_px = LISTS["K1"][0][0] if "K_left" in document else 700.0
+    assert (found.fx_px, found.baseline_m) == pytest.approx((fx_px, baseline_m))
+
+
+@pytest.mark.parametrize("beside", [{"baseline": 0.12}, {"baseline_mm": 120}, {}])
+def test_tables_of_numbers_are_the_lenses_of_raw_images(tmp_path: Path, beside: dict[str, float]) -> None:
+    """The file's R and T count, not the baseline alone."""
+    names = ("k1", "k2", "p1", "p2", "k3")
+    tables = {
+        side: {
+            "fx": LISTS[f"K{n}"][0][0],
+            "fy": LISTS[f"K{n}"][1][1],
+            "cx": LISTS[f"K{n}"][0][2],
+            "cy": LISTS[f"K{n}"][1][2],
+            **dict(zip(names, np.ravel(LISTS[f"D{n}"]).tolist(), strict=False)),
+        }
+        for n, side in ((1, "left"), (2, "right"))
+    }
+    path = write_text(tmp_path / "c.json", json.dumps({**tables, **_POSE, **beside}))
+    assert_rows_match_and_depths_come_back(read_raw([path]), RIG, points_ahead(4))
+    path = write_text(tmp_path / "c.json", json.dumps({**tables, **beside}))
+    with pytest.raises(VfoaError, match="K1 D1 K2 D2"):
+        read_cameras([path], size_px)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"k4": 0.1, "k1": 0.1},  # cv2.fisheye's four
+        {"coeffs": [0.1, 0.0, 0.0, 0.0, 0.0], "model": "inverse_brown_conrady"},
+        {"lens_coefficients": [0.1, 0.0, 0.0, 0.0, 0.0]},  # not a name that is known
+        {"fx": 705.0},
+    ],
+)
+def test_other_tables_are_no_rectified_pair(tmp_path: Path, change: dict[str, Any]) -> None:
+    cameras = {"left": _RECTIFIED, "right": {**_RECTIFIED, **change}}
+    path = write_text(tmp_path / "c.json", json.dumps({**cameras, "baseline": 0.12}))
+    with pytest.raises(VfoaError):
+        read_cameras([path], size_px)
 
 
 def _camera_file(path: Path, number: int, **more: Any) -> Path:

@@ -1,0 +1,54 @@
+"""Cameras that people's scripts save as tables of numbers, by the names of the ZED's SDK or of librealsense."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from harness.sources.calibration_files.documents import Document
+
+_PRINCIPAL_POINTS = (("cx", "cy"), ("ppx", "ppy"))
+_LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+"""Coefficients in OpenCV's order."""
+_COLUMNS = ("disto", "coeffs")
+"""Their names in the SDKs, all in one list."""
+_OF_OPENCV = ("brown_conrady", "plumb_bob", "none")
+
+
+def is_camera(value: object) -> bool:
+    """Whether a value is a table of a camera's numbers."""
+    return isinstance(value, Mapping) and {"fx", "fy"} <= value.keys()
+
+
+def with_matrices(document: Document) -> dict[str, Any]:
+    """The values of a document, with K and D in each table of a camera, beside its other values.
+
+    Several of them in one table (``intrinsics``) are moved to the top. A camera whose lens is not one of OpenCV's stays
+    as it is.
+    """
+    top = dict[str, Any]()
+    for name, value in document.items():
+        is_group = isinstance(value, Mapping) and sum(map(is_camera, value.values())) > 1
+        top |= value if is_group else {name: value}
+    return {name: _as_matrices(value) if is_camera(value) else value for name, value in top.items()}
+
+
+def _as_matrices(table: Document) -> Document:
+    centre = next((names for names in _PRINCIPAL_POINTS if table.keys() >= {*names}), None)
+    if centre is None:
+        return table
+    columns = [name for name in _COLUMNS if name in table]
+    by_name = [name for name in _LENS if name in table]
+    d = table[columns[0]] if columns else [table.get(name, 0.0) for name in _LENS[: 8 if "k4" in by_name else 5]]
+    is_of_opencv = str(table.get("model", _OF_OPENCV[0])).removeprefix("distortion.").lower() in _OF_OPENCV
+    if ("k4" in by_name and not {*by_name} >= {"p1", "p2", "k5", "k6"}) or not (is_of_opencv or _is_zero(d)):
+        return table  # a fisheye lens, or RealSense's inverse model
+    cx, cy = (table[name] for name in centre)
+    lens = {"D": d} if columns or by_name else {}
+    read = {"fx", "fy", *centre, *by_name, *columns}
+    rest = {name: value for name, value in table.items() if name not in read}
+    return {**rest, "K": [[table["fx"], 0, cx], [0, table["fy"], cy], [0, 0, 1]], **lens}
+
+
+def _is_zero(coefficients: Any) -> bool:
+    return isinstance(coefficients, list) and not any(coefficients)
