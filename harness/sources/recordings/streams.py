@@ -74,7 +74,7 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
     if settings.depth is not None:
         images = (topic for topic in topics if topic.is_image)
         return Sides(left, right, named(images, settings.depth, "depth", where))
-    depths = (topic for topic in _depth_topics(topics) if topic not in (left, right))  # gray may be of 16 bits, too
+    depths = (topic for topic in _with_messages(_depth_topics(topics)) if topic not in (left, right))  # or 16-bit gray
     own = [topic for topic in depths if is_aligned(topic, left) and topic.frame_id == left.frame_id != ""]
     return Sides(left, right, own[0] if len(own) == 1 else None)
 
@@ -239,9 +239,14 @@ _TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|vi
 
 
 def _depth_topics(topics: Iterable[Topic]) -> list[Topic]:
-    """Return all topics that may be depth, by name."""
-    depths = (topic for topic in topics if topic.places and topic.is_image and may_be_depth(topic.name, topic.header))
-    return sorted(depths, key=lambda topic: topic.name)
+    """Return all topics that may be depth, by name; those without a time stamp if no other was sent."""
+    depths = [topic for topic in topics if topic.is_image and may_be_depth(topic.name, topic.header)]
+    return sorted(_with_stamps(depths), key=lambda topic: topic.name)
+
+
+def _with_stamps(topics: Collection[Topic]) -> list[Topic]:
+    """Those that were sent with time stamps; if there are none, those that were sent without, which an error names."""
+    return _with_messages(topics) or [topic for topic in topics if topic.unstamped]
 
 
 def is_aligned(depth: Topic, colour: Topic) -> bool:
@@ -298,8 +303,8 @@ def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
     """Images in colour by name; if none has such a name, images of any other name."""
     others = [
         topic
-        for topic in images
-        if topic.places and topic not in depths and not may_be_depth(topic.name, topic.header)
+        for topic in _with_stamps([topic for topic in images if topic not in depths])
+        if not may_be_depth(topic.name, topic.header)
         if not _NO_COLOUR.search(topic.name.lower())
     ]
     others = _taken(others, depths) or others

@@ -547,3 +547,18 @@ def test_two_schemas_of_one_type_on_one_topic_are_one_topic(tmp_path: Path) -> N
     clip = open_clip(joined)
     assert clip.notes == ()
     assert_recorded(clip, range(1, COUNT + 1))
+
+
+@pytest.mark.parametrize("unset", [{"colour"}, {"depth"}, {"colour", "depth"}])
+def test_colour_and_depth_without_time_stamps_are_named(unset: set[str], tmp_path: Path) -> None:
+    with messages(tmp_path, "mcap") as (path, write):
+        for number in (1, 2):
+            log_ns = START_NS + number * STEP_NS
+            head_ns = {role: 0 if role in unset else log_ns for role in ("colour", "depth")}
+            write.camera("/camera/color/camera_info", log_ns, LENS)
+            write.image("/camera/color/image_raw", head_ns["colour"], moving_picture(number), "rgb8", log_ns=log_ns)
+            write.image("/camera/depth/image_raw", head_ns["depth"], depth_mm(number), "16UC1", log_ns=log_ns)
+    with pytest.raises(VfoaError, match=r'image_raw: 2 images without time stamp; expected .*stamps = "log"'):
+        open_clip(path)
+    found = open_clip(path, stamps="log").frame(2).depth_m
+    np.testing.assert_allclose(found, in_metres(depth_mm(2)), rtol=1e-6)
