@@ -156,7 +156,8 @@ def _time_notes(manifest: ClipManifest, clip: Clip, changes: Float, most: int) -
         return
     seen = f"what moves in the left view moves {_later(by)} in the right one"
     if manifest.source.get("layout") in ("videos", "images") and "stamps" not in manifest.source:
-        yield f"{seen}: say right_offset = {manifest.source.get('right_offset', 0) + by} in [source]"
+        later = -by if manifest.source.get("swap") else by  # of the files called right, which show the left view then
+        yield f"{seen}: say right_offset = {manifest.source.get('right_offset', 0) + later} in [source]"
     else:
         yield f"{seen}: are the stamps or numbers of both cameras of one clock?"
 

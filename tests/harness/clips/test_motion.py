@@ -159,14 +159,16 @@ def test_motion_is_the_mean_change_of_gray(grays: list[int]) -> None:
 
 
 @pytest.mark.usefixtures("work_here")
-@pytest.mark.parametrize(("late", "given"), [(5, 0), (-5, 2), (40, 0)])
-def test_two_videos_that_were_not_started_together_are_told_their_offset(tmp_path: Path, late: int, given: int) -> None:
+@pytest.mark.parametrize(("late", "given", "swap"), [(5, 0, False), (-5, 2, False), (40, 0, False), (5, 2, True)])
+def test_two_videos_that_were_not_started_together_are_told_their_offset(
+    tmp_path: Path, late: int, given: int, swap: bool
+) -> None:
     """The check says the setting with which it passes; an offset of seconds is found over all frames."""
     pairs = _film(64 + 2 * abs(late), 8)
-    lefts, rights = pairs[max(late, 0) :], pairs[max(-late, 0) :]
-    write_video(tmp_path / "data" / "left.avi", [left for left, _ in lefts])
-    write_video(tmp_path / "data" / "right.avi", [right for _, right in rights])
-    words = ("add", tmp_path / "data", *NUMBERS, "--set", f"right_offset={given}")
+    firsts, others = pairs[max(late, 0) :], pairs[max(-late, 0) :]
+    write_video(tmp_path / "data" / "left.avi", [views[swap] for views in firsts])
+    write_video(tmp_path / "data" / "right.avi", [views[not swap] for views in others])
+    words = ("add", tmp_path / "data", *NUMBERS, "--set", f"swap={swap}".lower(), "--set", f"right_offset={given}")
     vfoa(*words, "--name", "mine")
     every = ("--every-frame",) * (abs(late) > 16)
     (checked,) = vfoa("check", "mine", *every)
