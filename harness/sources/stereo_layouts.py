@@ -295,7 +295,7 @@ def _named_files(given: Mapping[str, Any]) -> PairFiles | None:
 
 
 def _view_files(given: Mapping[str, Any]) -> PairFiles:
-    keys = ("layout", "left", "right", "both", "stamps", "tolerance_ms")
+    keys = ("layout", "left", "right", "both", "stamps", "tolerance_ms", "right_offset")
     return parse(PairFiles, {key: given[key] for key in keys if key in given}, "--set")
 
 

@@ -287,6 +287,15 @@ def test_numbered_images_of_cameras_that_were_not_started_together(tmp_path: Pat
     _expect_views_of_one_time(clip, offset)
 
 
+def test_images_whose_cameras_count_from_other_numbers_are_recognised_by_their_offset(tmp_path: Path) -> None:
+    for side, first in (("a", 0), ("b", 100)):
+        for number in range(6):
+            write_image(tmp_path / side / f"{first + number:04d}.png", _flat(number))
+    (reading,) = recognise_stereo(tmp_path, {"left": "a", "right": "b", "right_offset": 100})
+    assert reading.source == {"layout": "images", "left": "a", "right": "b", "right_offset": 100}
+    assert "6 pairs" in reading.layout
+
+
 @pytest.mark.parametrize(
     "files", [{"left": "a", "right": "b", "stamps": "ns"}, {"layout": "images_top_bottom", "both": "a"}]
 )
