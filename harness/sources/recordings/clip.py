@@ -44,6 +44,9 @@ from vfoa.types import Image, Map, StereoFrame
 _SHOWN = 3
 """Most losses that an error lists."""
 
+_HIGHEST_HZ = 1000.0
+"""More images per second than any camera of people takes: their times are in another unit."""
+
 
 class RecordingClip:
     """A recorded camera; frames are numbered from 1 in the order of their stamps.
@@ -88,6 +91,7 @@ class RecordingClip:
         self._frames, paired = join_streams(self._streams, settings, self._where)
         self.frames = range(1, len(self._frames) + 1)
         """Frame numbers from 1; dropped frames have no number."""
+        self._check_rate()
         self._optics: PairCameras | DepthCamera
         recording = Recording(self._streams, self._container, settings, self._where)
         if self._streams.right is None:
@@ -174,6 +178,19 @@ class RecordingClip:
         counts_per_m = round(1 / unit_m, 3)
         is_mm = counts_per_m == MILLIMETRES
         return counts_per_m, () if is_mm else (f"{depth.name}: {counts_per_m:g} counts a metre, as the recording says",)
+
+    def _check_rate(self) -> None:
+        """Refuse times in microseconds or milliseconds: seconds of labels, filters and tolerances would be wrong."""
+        if self.rate_hz is None or self.rate_hz <= _HIGHEST_HZ:
+            return
+        if self._settings.stamps == "header":
+            times, instead = "time stamps", 'stamps = "log" in [source] takes the times of recording'
+        else:
+            times, instead = "times of recording", 'stamps = "header" in [source] takes those of the messages'
+        raise VfoaError(
+            f"{self._where}: {self._streams.left.name}: found {self.rate_hz:.0f} images per second by their {times}; "
+            f"expected nanoseconds, at most {_HIGHEST_HZ:g} images per second: {instead}"
+        )
 
     def _notes_on_stamps(self) -> list[str]:
         left = self._streams.left

@@ -623,3 +623,17 @@ def test_a_topic_may_have_both_views(tmp_path: Path, packing: str, axis: int) ->
         open_clip(path, **numbers)
     with pytest.raises(VfoaError, match=r"no both topic '/usb_cam/image'"):
         open_clip(path, both="/usb_cam/image", **numbers)
+
+
+@pytest.mark.parametrize("per_unit_ns", [1000, 1_000_000])
+@pytest.mark.parametrize(("wrong", "right"), [("header", "log"), ("log", "header")])
+def test_times_in_another_unit_are_refused(wrong: str, right: str, per_unit_ns: int, tmp_path: Path) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for n in (1, 2, 3):
+            times = {right: stamp(n), wrong: stamp(n) // per_unit_ns}
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", times["header"], camera, log_ns=times["log"])
+                record.picture(f"/{side}/image", times["header"], picture(n), log_ns=times["log"])
+    with pytest.raises(VfoaError, match=rf'/left/image: found 2500.*images per second.*stamps = "{right}"'):
+        open_clip(tmp_path / "a.mcap", stamps=wrong)
+    assert open_clip(tmp_path / "a.mcap", stamps=right).rate_hz == 25.0
