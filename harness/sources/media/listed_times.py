@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from decimal import Decimal
 from pathlib import Path
 
@@ -14,16 +14,26 @@ from harness.files.io import read_text
 from harness.sources.media.frame_files import TICKS_NS, StampUnit
 from vfoa.errors import VfoaError, listed, reported_as
 
-NAMES = ("timestamps.txt", "times.txt", "timestamps.csv", "times.csv")
-"""Names of such a file: KITTI's, and people's."""
-
-_TIME = re.compile(r"(?:19|20|21)[0-9]{2}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?")
-_SECONDS = re.compile(r"[0-9]{1,10}\.[0-9]{0,12}(?:[eE][+-]?[0-9]{1,2})?")
-_NUMBER = re.compile(r"[0-9]{1,19}(?:\.[0-9]{0,12})?")
-_TIMES = re.compile(r"(?:time_?stamps?|times?)(?:_(?P<unit>s|ms|us|ns))?")
-"""The name of a column of times."""
+_FILES = re.compile(r"(?:(?:(?:frame|image|left|rgb|colou?r)_)?timestamps|times)\.(?:txt|csv)", re.IGNORECASE)
+"""The name of such a file: KITTI's, and people's."""
+_DATE = re.compile(
+    r"((?:19|20|21)[0-9]{2}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?)"
+    r"(?:Z|([+-][0-9]{2}):?([0-9]{2}))?"
+)
+"""Date and time of day, and how far that clock is ahead of UTC."""
+_NUMBER = re.compile(r"[0-9]{1,19}(?:\.[0-9]{0,20})?(?:[eE][+-]?[0-9]{1,2})?")  # np.savetxt writes 18 decimals
+_UNITS: dict[str, StampUnit] = {"sec": "s", "seconds": "s", "msec": "ms", **{unit: unit for unit in TICKS_NS}}
+"""Units at the end of a column's name."""
+_TIMES = frozenset({"timestamp", "timestamps", "time_stamp", "time", "times", "ts", "t"})
+"""Names of a column of times, without the unit."""
+_ANY_TIMES = re.compile(r"(?:.+_)?time_?stamps?(?:_.+)?")
+_OF_OTHERS = frozenset({"right", "depth", "imu", "ir"})
+_OF_IMAGES = frozenset({"left", "rgb", "color", "colour"})
+"""Words beside such a name: of other sensors, and of the images that the times are of."""
 _UNIT_OF_DIGITS: dict[int, StampUnit] = {10: "s", 13: "ms", 16: "us", 19: "ns"}
-"""The unit of a whole number that is a time since 1970, by its digits."""
+"""The unit of a time since 1970, by the digits before its decimals."""
+_LONGEST_STEP_S, _SINCE_1970_NS = 5, 10**18
+"""Least median step of numbers that are probably no seconds, as 33.3 ms; 1000 times as much where they are dates."""
 
 
 def find_times(root: Path, images: str) -> str | None:
@@ -32,15 +42,17 @@ def find_times(root: Path, images: str) -> str | None:
     The path is relative to ``root``, as it stands in a manifest.
     """
     folder = Path(images) if (root / images).is_dir() else Path(images).parent
-    files = [each / name for each in dict.fromkeys((folder, folder.parent)) for name in NAMES]
-    return next((file.as_posix() for file in files if (root / file).is_file()), None)
+    for each in dict.fromkeys((folder, folder.parent)):
+        if names := [path.name for path in (root / each).glob("*") if _FILES.fullmatch(path.name)]:
+            return (each / min(names, key=lambda name: ("_" in name, name))).as_posix()  # of no camera before of one
+    return None
 
 
 def read_times(path: Path, numbers: Collection[int]) -> dict[int, int]:
     """The time in ns of each image, from lines such as ``2011-09-26 13:02:25.964389445``, or of one number.
 
-    Numbers with a decimal point are seconds; whole numbers s, ms, us or ns since 1970, by their digits. Lines that
-    begin with ``#`` are left out. Of a table it is the column ``timestamp`` or ``time``, or ``timestamp_ms`` in ms.
+    Numbers are seconds with a decimal point, or s, ms, us or ns since 1970, by their digits. Lines that begin with
+    ``#`` are left out. Of a table it is the column ``timestamp`` or ``time``, or ``timestamp_ms`` in ms.
 
     Raises
     ------
@@ -54,7 +66,19 @@ def read_times(path: Path, numbers: Collection[int]) -> dict[int, int]:
             raise VfoaError(f"{path}:{number}: {text!r} is not after the time before it")
     if len(lines) != len(numbers):
         raise VfoaError(f"{path}: found {len(lines)} times; expected {len(numbers)}, one for each image")
+    if unit is None:
+        _check_are_seconds(times_ns, path)
     return dict(zip(numbers, times_ns, strict=True))
+
+
+def _check_are_seconds(times_ns: Sequence[int], path: Path) -> None:
+    """Raise a :class:`VfoaError` for steps of a camera's ms or us since it was started, taken for seconds."""
+    step_s = float(np.median(np.diff(times_ns))) / 1e9 if len(times_ns) > 1 else 0.0
+    if step_s >= (_LONGEST_STEP_S if times_ns[0] < _SINCE_1970_NS else 1000 * _LONGEST_STEP_S):
+        raise VfoaError(
+            f"{path}: found times that are {step_s:g} s apart (median) if they are seconds; expected less: if they are "
+            "ms, say so in the name of their column, as timestamp_ms in a table timestamps.csv"
+        )
 
 
 def _bare_lines(path: Path) -> list[tuple[int, str]]:
@@ -66,34 +90,50 @@ def _column_of_times(path: Path) -> tuple[list[tuple[int, str]], StampUnit | Non
     """Lines and cells of a table's column of times, and the unit that its name says; one column may have no name."""
     rows = table_rows(path)
     header = rows[0][1] if rows else []
-    named = [(place, match) for place, name in enumerate(header) if (match := _TIMES.fullmatch(plain_name(name)))]
-    if not named and len(header) == 1:
+    if len(header) == 1 and _line_is_time(header[0]):
         return [(line, cells[0]) for line, cells in rows], None
-    if len(named) != 1:
+    place, unit = _find_column(header, path)
+    for line, cells in rows:
+        check_width(cells, header, f"{path}:{line}")
+    return [(line, cells[place]) for line, cells in rows[1:]], unit
+
+
+def _line_is_time(text: str) -> bool:
+    return bool(_DATE.fullmatch(text) or _NUMBER.fullmatch(text))
+
+
+def _find_column(header: Sequence[str], path: Path) -> tuple[int, StampUnit | None]:
+    """The place of the column of times, and the unit that its name says."""
+    names = [plain_name(name).split("_") for name in header]
+    units = [_UNITS.get(words[-1]) if len(words) > 1 else None for words in names]
+    bare = [words[:-1] if unit else words for words, unit in zip(names, units, strict=True)]
+    exact = [place for place, words in enumerate(bare) if "_".join(words) in _TIMES]
+    others = [
+        place for place, words in enumerate(bare) if _ANY_TIMES.fullmatch("_".join(words)) and not _OF_OTHERS & {*words}
+    ]
+    of_images = [place for place in others if _OF_IMAGES & {*bare[place]}]
+    found = next((places for places in (exact, others, of_images) if len(places) == 1), None)
+    if found is None:
         raise VfoaError(
             f"{path}: found the columns {listed(header, 8)}; expected one of them with the time of each image, as "
             "timestamp or time, with a unit after it (timestamp_ms) or without"
         )
-    ((place, match),) = named
-    for line, cells in rows:
-        check_width(cells, header, f"{path}:{line}")
-    unit = match["unit"]
-    return [(line, cells[place]) for line, cells in rows[1:]], next((each for each in TICKS_NS if each == unit), None)
+    return found[0], units[found[0]]
 
 
 def _line_ns(text: str, unit: StampUnit | None, where: str) -> int:
-    if _TIME.fullmatch(text):
+    if date := _DATE.fullmatch(text):
+        ahead_min = 60 * int(date[2]) + int(date[2][0] + date[3]) if date[2] else 0
         with reported_as(where):
-            return int(np.datetime64(text, "ns").astype(np.int64))
-    if unit is not None and _NUMBER.fullmatch(text):
-        return round(Decimal(text) * TICKS_NS[unit])
-    if unit is None and _SECONDS.fullmatch(text):
-        return round(Decimal(text) * 10**9)
-    by_digits = _UNIT_OF_DIGITS.get(len(text))
-    if unit is not None or by_digits is None or not (text.isascii() and text.isdecimal()):
-        expected = "seconds with a decimal point, or a whole number of s, ms, us or ns since 1970"
-        raise VfoaError(
-            f"{where}: found {text[:60]!r}; expected date and time, such as 2011-09-26 13:02:25.964389445, "
-            f"{expected if unit is None else f'or a number of {unit}'}"
-        )
-    return int(text) * TICKS_NS[by_digits]
+            return int(np.datetime64(date[1], "ns").astype(np.int64)) - ahead_min * 60 * 10**9
+    if _NUMBER.fullmatch(text):
+        value, is_whole = Decimal(text), text.isdecimal()
+        digits = len(str(int(value)))
+        own = unit or _UNIT_OF_DIGITS.get(digits) or (None if is_whole or digits > 10 else "s")
+        if own is not None:
+            return round(value * TICKS_NS[own])
+    expected = "seconds with a decimal point, or a number of s, ms, us or ns since 1970"
+    raise VfoaError(
+        f"{where}: found {text[:60]!r}; expected date and time, such as 2011-09-26 13:02:25.964389445, "
+        f"{expected if unit is None else f'or a number of {unit}'}"
+    )
