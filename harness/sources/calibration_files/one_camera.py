@@ -13,7 +13,9 @@ import numpy as np
 from harness.files.io import read_text
 from harness.sources.calibration import check_size
 from harness.sources.calibration_files.documents import Document, document_suffix, numbers, read_document, ros_camera
-from harness.sources.calibration_files.opencv import image_size, is_distortion, opencv_camera, says_fisheye
+from harness.sources.calibration_files.image_size import image_size
+from harness.sources.calibration_files.opencv import opencv_camera, says_fisheye
+from harness.sources.calibration_files.opencv_names import role_alone
 from harness.sources.calibration_files.ros_text import is_ros_text, read_ros_camera
 from harness.sources.calibration_files.texts import camera_matrix, floats
 from harness.sources.depth_optics import pinhole, without_distortion
@@ -131,7 +133,7 @@ def _of_document(path: Path, document: Document, size_px: tuple[int, int], *, re
         alone = "that of the images alone, with its values at the top: " if cameras else ""
         raise VfoaError(f"{path}: found {found}; expected {alone}{FORMATS}")
     camera_matrix(camera.k, path)
-    _check_lens_is_read(path, document, filter(is_distortion, document))
+    _check_lens_is_read(path, document, [name for name in document if role_alone(name) == "D"])
     return camera if camera.d.any() else pinhole(camera.k, camera.size_px)
 
 
@@ -159,7 +161,7 @@ def _named_camera(path: Path, document: Document, size_px: tuple[int, int]) -> R
     fx, fy, cx, cy = (number(names) for names in _PLACES)
     k = camera_matrix([fx, 0, cx, 0, fy, cy, 0, 0, 1], path)
     camera = pinhole(k, image_size(document, k, str(path)) or size_px)
-    of_lens = [name for name in document if name == _COEFFICIENTS or is_distortion(name)]
+    of_lens = [name for name in document if name == _COEFFICIENTS or role_alone(name) == "D"]
     if len(of_lens) > 1:
         raise VfoaError(f"{path}: found {' and '.join(of_lens)}; expected one of them")
     d = numbers(document[of_lens[0]], f"{path}: {of_lens[0]}") if of_lens else np.zeros(0)

@@ -1,17 +1,27 @@
-"""OpenCV: matrices of stereoCalibrate and stereoRectify, under their usual names."""
+"""OpenCV: matrices of stereoCalibrate and stereoRectify, and of calibrateCamera, as cameras."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
 
 from harness.sources.calibration import Calibration, ProjectionError, from_projections
 from harness.sources.calibration_files.documents import METRES, Document, numbers
+from harness.sources.calibration_files.image_size import image_size
+from harness.sources.calibration_files.opencv_names import (
+    bare_name,
+    is_of_one_camera,
+    names_unit,
+    numbered_from_1,
+    one_level,
+    role_alone,
+    role_of,
+    stated_unit_m,
+)
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.rectification import (
     Cameras,
@@ -25,34 +35,6 @@ from harness.sources.rectification import (
 from vfoa.errors import VfoaError, listed
 from vfoa.types import Float
 
-_OF_A_CAMERA = {
-    "K": (
-        *("k", "m", "mtx", "mat", "cm", "matrix", "cameramatrix", "cameramat", "cammatrix", "cammat", "cammtx"),
-        *("intrinsic", "intrinsics", "intrinsicmatrix"),
-    ),
-    "D": (
-        *("d", "dist", "distcoef", "distcoefs", "distcoeff", "distcoeffs", "distcoefficient", "distcoefficients"),
-        *("distortion", "distortioncoeffs", "distortioncoefficients", "distortionparams"),
-    ),
-    "R": ("r", "rect", "rectification", "rectificationmatrix"),
-    "P": ("p", "proj", "projmat", "projmatrix", "projection", "projectionmatrix"),
-}
-_OF_THE_PAIR = {
-    "R": ("r", "rot", "rotation", "rotationmatrix", "rotationmat", "rotationofcamera2"),
-    "T": ("t", "trans", "translation", "translationvector", "translationvec", "translationofcamera2"),
-}
-_TABLES_OF_THE_PAIR = (
-    *("", "stereo", "extrinsic", "extrinsics"),
-    *("stereoparams", "stereocalibration", "stereoextrinsic", "stereoextrinsics"),
-)
-"""Where R and T are in a file with a table for each camera; "" is beside them."""
-_WITH_UNIT = {
-    f"{table}{name}{unit}": unit_m
-    for table in _TABLES_OF_THE_PAIR
-    for name in _OF_THE_PAIR["T"]
-    for unit, unit_m in METRES.items()
-}
-"""The unit of a translation whose name says it, by that name."""
 _MOST_RADIANS = 0.15
 """Longest rotation vector of a pair that is read, 9 degrees; longer ones are probably in degrees.
 
@@ -62,7 +44,7 @@ _MOST_OFF = 2.0
 """Largest ratio of a baseline to the one of the matrices; a nominal one is off by some percent, another unit by 10."""
 _BASELINE = re.compile(rf".*baseline(?:{'|'.join(METRES)})?")
 _OF_LENS = re.compile(r"dist(?!ance)|coef|lens|k[1-6]$")
-"""Part of the plain name of a lens's distortion."""
+"""Part of the bare name of a lens's distortion."""
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")
 _RECTIFICATION = ("R1", "R2", "P1", "P2")
@@ -70,28 +52,6 @@ _WAYS = _RECTIFICATION, ("R", "T")
 """What rectifies images, beside the lenses."""
 
 
-_TABLES_OF_A_CAMERA = ("{}", "{}cam", "{}camera", "cam{}", "camera{}")
-_ROLES = {
-    **{f"{table}{name}": role for role in "RT" for name in _OF_THE_PAIR[role] for table in _TABLES_OF_THE_PAIR},
-    **{f"{name}stereo": role for role in "RT" for name in _OF_THE_PAIR[role]},
-    **dict.fromkeys(_WITH_UNIT, "T"),
-} | {
-    spelling: f"{role}{sides[0]}"
-    for role, names in _OF_A_CAMERA.items()
-    for name in names
-    for sides in (("1", "l", "left"), ("2", "r", "right"))
-    for spelling in (
-        *(f"{name}{side}" for side in sides),
-        *(f"{table.format(sides[2])}{name}" for table in _TABLES_OF_A_CAMERA),
-    )
-}
-"""The role of each plain name: ``cameramatrixleft`` is K1. Names of camera 2 are MATLAB's."""
-
-
-_NUMBERED_TABLE = re.compile(r"(?:cam|camera)([012])")
-"""The plain name of a table of a camera."""
-_NUMBERED = re.compile(rf"({'|'.join(name for names in _OF_A_CAMERA.values() for name in names)})([012])")
-"""The plain name of a matrix with the number of its camera."""
 _XI = re.compile(r"(?:left|right)?(?:camera)?xi(?:[012lr]|left|right)?")
 _TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 _KINDS_OF_LENSES = {
@@ -99,15 +59,6 @@ _KINDS_OF_LENSES = {
     **dict.fromkeys(("pinhole", "plumb", "brown", "radtan", "rational"), False),
 }
 """Parts of what people call a model of lenses, and whether it is that of cv2.fisheye; the first one counts."""
-_SIZES = {
-    "width": ("width", "imagewidth", "imagesizewidth", "imgwidth", "imgw", "framewidth", "resolutionwidth"),
-    "height": ("height", "imageheight", "imagesizeheight", "imgheight", "imgh", "frameheight", "resolutionheight"),
-    "both": ("imagesize", "imgsize", "size", "imageshape", "imgshape", "framesize", "resolution", "imageresolution"),
-}
-"""Plain names of the size of the images, without the part that says of which camera, or in which unit, it is."""
-_BESIDE_SIZE = re.compile(
-    r"^(?:(?:left|right)(?:cam(?:era)?)?|cam(?:era)?(?:left|right))|(?:px)?(?:left|right|[lr012])?$"
-)
 
 
 def opencv_pair(
@@ -138,12 +89,12 @@ def _unit_m(document: Document, cameras: Cameras, where: str) -> float:
     """
     lengths = [
         (name, value, unit_m)
-        for name, value in _one_level(document)
-        if value is not None and (unit_m := _stated_unit_m(name)) is not None
+        for name, value in one_level(document)
+        if value is not None and (unit_m := stated_unit_m(name)) is not None
     ]
     if not lengths:
         return 1.0
-    name, value, own_m = min(lengths, key=lambda length: _plain(length[0]) not in _WITH_UNIT)
+    name, value, own_m = min(lengths, key=lambda length: not names_unit(length[0]))
     baseline = float(np.linalg.norm(numbers(value, f"{where}: {name}")))
     length = (cameras if isinstance(cameras, Calibration) else cameras.rectified()).baseline_m
     for unit_m in METRES.values():
@@ -155,19 +106,12 @@ def _unit_m(document: Document, cameras: Cameras, where: str) -> float:
     )
 
 
-def _stated_unit_m(name: str) -> float | None:
-    """The unit in the name of a translation or a baseline; None of any other name."""
-    plain = _plain(name)
-    of_baselines = (unit_m for unit, unit_m in METRES.items() if plain.endswith(f"baseline{unit}"))
-    return next(of_baselines, _WITH_UNIT.get(plain))
-
-
 def _baseline(document: Document, where: str) -> float | None:
     """The distance of the cameras that a file says, in its own unit; None if it says none."""
-    names = [name for name in document if _BASELINE.fullmatch(_plain(name))]
+    names = [name for name in document if _BASELINE.fullmatch(bare_name(name))]
     if not names:
         return None
-    name = min(names, key=lambda name: _stated_unit_m(name) is not None)
+    name = min(names, key=lambda name: stated_unit_m(name) is not None)
     baseline = float(numbers(document[name], f"{where}: {name}", 1)[0])
     if not baseline > 0:
         raise VfoaError(f"{where}: {name}: found {baseline:g}; expected a positive number")
@@ -176,7 +120,7 @@ def _baseline(document: Document, where: str) -> float | None:
 
 def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, fisheye: bool | None) -> Cameras:
     """The pair of :func:`opencv_pair` in the file's own unit."""
-    document = _numbered_from_1(dict(_one_level(document)), where)
+    document = numbered_from_1(dict(one_level(document)), where)
     _check_model(document, where)
     read = _opencv_matrices(document, where)
     unset = [name for name, matrix in read.items() if not matrix.any() and (name in _RECTIFICATION or not matrix.size)]
@@ -188,7 +132,7 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
     if matrices.keys() >= {"P1", "P2"} and (rectified or not unrectified):
         left, right = (_of_shape(matrices, f"P{number}", where) for number in "12")
         return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
-    has_lens = bool(unrectified) or any(_role(name) is None and _OF_LENS.search(_plain(name)) for name in document)
+    has_lens = bool(unrectified) or any(role_of(name) is None and _OF_LENS.search(bare_name(name)) for name in document)
     if matrices.keys() >= {"K1", "K2"} and not has_lens and (baseline := _baseline(document, where)) is not None:
         left, right = (np.hstack([_of_shape(matrices, f"K{number}", where), np.zeros((3, 1))]) for number in "12")
         right[0, 3] = -right[0, 0] * baseline
@@ -198,7 +142,7 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
     is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in _WAYS)
     if is_rectifying or is_posed:
         if is_fisheye is None:
-            columns = [name for name in document if _role(name) in ("D1", "D2")]
+            columns = [name for name in document if role_of(name) in ("D1", "D2")]
             _check_lenses_are_told(document, columns, where, "in [source]")
         size_px = size_px or size()
         first, second = (
@@ -214,38 +158,50 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
         r1, r2, p1, p2 = (_of_shape(matrices, name, where) for name in _RECTIFICATION)
         return RawCalibration(left=replace(first, r=r1, p=p1), right=replace(second, r=r2, p=p2), where=where)
     if is_posed:
-        rotation = matrices["R"]
-        if rotation.size == 3:  # OpenCV's rotation vector
-            if (angle := float(np.linalg.norm(rotation))) > _MOST_RADIANS:
-                raise VfoaError(
-                    f"{where}: R: found a rotation vector of length {angle:.3g}; expected radians, at most "
-                    f"{_MOST_RADIANS:g}: if it is in degrees, convert it; if the cameras do differ by "
-                    f"{np.degrees(angle):.0f} degrees, give R as a matrix of 3 x 3 numbers"
-                )
-            rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
-        rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)
-        try:
-            return rectify_pose(first, second, rotation, translation, where)
-        except ProjectionError as error:
+        return _posed(first, second, matrices, where)
+    raise _lacking(document, matrices, unset, unrectified, where)
+
+
+def _posed(first: RawCamera, second: RawCamera, matrices: Mapping[str, Float], where: str) -> RawCalibration:
+    """Two cameras rectified by the R and T between them."""
+    rotation = matrices["R"]
+    if rotation.size == 3:  # OpenCV's rotation vector
+        if (angle := float(np.linalg.norm(rotation))) > _MOST_RADIANS:
             raise VfoaError(
-                f"{error}, and x_right = R x_left + T: if T is where the right camera stands, give T = -R times it"
-            ) from None
-    if not matrices and (single := [name for name in document if _is_of_one_camera(name)]):
-        raise IncompleteCalibrationError(
+                f"{where}: R: found a rotation vector of length {angle:.3g}; expected radians, at most "
+                f"{_MOST_RADIANS:g}: if it is in degrees, convert it; if the cameras do differ by "
+                f"{np.degrees(angle):.0f} degrees, give R as a matrix of 3 x 3 numbers"
+            )
+        rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
+    rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(matrices["T"], f"{where}: T", 3)
+    try:
+        return rectify_pose(first, second, rotation, translation, where)
+    except ProjectionError as error:
+        raise VfoaError(
+            f"{error}, and x_right = R x_left + T: if T is where the right camera stands, give T = -R times it"
+        ) from None
+
+
+def _lacking(
+    document: Document, matrices: Mapping[str, Float], unset: Iterable[str], unrectified: Iterable[str], where: str
+) -> VfoaError:
+    """The error of a document without all matrices of a pair: which it has, which are ``unset``, what is expected."""
+    if not matrices and (single := [name for name in document if is_of_one_camera(name)]):
+        return IncompleteCalibrationError(
             f"{where}: found {listed(single, 4)} and no matrices of a pair; expected, of one with rectified images, "
             "four numbers, --fx --cx --cy and --baseline in metres; of another, K1 D1 K2 D2 with R T or R1 R2 P1 P2"
         )
     there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
-    if others := [name for name in document if _role(name) is None]:
+    if others := [name for name in document if role_of(name) is None]:
         there += f" (and, not known, {listed(others, 8)})"
     if unset:
         there += f", and zeros or nothing as {', '.join(unset)}"
     if matrices.keys() >= {"P1", "P2"}:
-        raise VfoaError(
+        return VfoaError(
             f"{where}: holds {' and '.join(unrectified)} of an unrectified pair but not all that rectifies it: found "
             f"{there}; {expected}, or rectified = true in [source] if the images are rectified"
         )
-    raise VfoaError(f"{where}: found {there}; {expected}, or, of rectified images, P1 P2, or K1 K2 and baseline")
+    return VfoaError(f"{where}: found {there}; {expected}, or, of rectified images, P1 P2, or K1 K2 and baseline")
 
 
 def opencv_camera(
@@ -261,7 +217,7 @@ def opencv_camera(
         If the matrix or the coefficients occur under two names or have a wrong shape, or may be of cv2.fisheye.
     """
     _check_model(document, where)
-    read = {role: [name for name in document if _plain(name) in _OF_A_CAMERA[role]] for role in "KD"}
+    read = {role: [name for name in document if role_alone(name) == role] for role in "KD"}
     for role, names in read.items():
         if len(names) > 1:
             raise VfoaError(f"{where}: {' and '.join(names)} all are {role}; expected one of them")
@@ -279,7 +235,7 @@ def opencv_camera(
 
 def _check_model(document: Document, where: str) -> None:
     """Raise a :class:`VfoaError` for a camera of cv2.omnidir, whose K and D have the names of others; xi is not 0."""
-    if name := next((name for name in document if _XI.fullmatch(_plain(name)) and np.any(document[name])), None):
+    if name := next((name for name in document if _XI.fullmatch(bare_name(name)) and np.any(document[name])), None):
         raise VfoaError(
             f"{where}: {name}: found a camera of cv2.omnidir, whose model is not read; expected one of "
             "cv2.stereoCalibrate or cv2.fisheye: calibrate again with one of these"
@@ -300,31 +256,19 @@ def _check_lenses_are_told(document: Document, names: Iterable[str], where: str,
             )
 
 
-def _is_of_one_camera(name: str) -> bool:
-    """Whether a name is that of a camera matrix, or of a focal length in pixels, without a number or a side."""
-    return _plain(name) in _OF_A_CAMERA["K"] or re.fullmatch(r"(?:.*[_.])?fx(?:_px)?", name.lower()) is not None
-
-
-def merged(documents: Sequence[Document]) -> dict[str, Any]:
-    """The values of several files; those of the first two by the names of left and right if each has one camera."""
-    has_one = [any(_plain(name) in _OF_A_CAMERA["K"] for name in document) for document in documents[:2]]
-    sides = ["left_", "right_"] if has_one == [True, True] else []
-    sides += [""] * (len(documents) - len(sides))
-    pairs = zip(sides, documents, strict=True)
-    return {f"{side}{name}": value for side, document in pairs for name, value in document.items()}
-
-
 def rectifies(document: Document) -> bool:
     """Whether a document has K and D of both cameras, and how they stand or how images are rectified."""
-    roles = {_role(name) for name, _ in _one_level(document)}
+    roles = {role_of(name) for name, _ in one_level(document)}
     return any(roles >= {*_LENSES, *names} for names in _WAYS)
 
 
 def is_pair(document: Document) -> bool:
     """Whether a document has K of both cameras, and how they stand or their distance."""
-    named = [name for name, _ in _one_level(document)]
-    roles = {_role(name) for name in named}
-    return roles >= {"K1", "K2"} and (roles >= {"R", "T"} or any(_BASELINE.fullmatch(_plain(name)) for name in named))
+    named = [name for name, _ in one_level(document)]
+    roles = {role_of(name) for name in named}
+    return roles >= {"K1", "K2"} and (
+        roles >= {"R", "T"} or any(_BASELINE.fullmatch(bare_name(name)) for name in named)
+    )
 
 
 def _with_pair_table(document: Document) -> Document:
@@ -336,16 +280,11 @@ def _with_pair_table(document: Document) -> Document:
     return {**{name: value for name, value in document.items() if name not in tables}, **table}
 
 
-def is_distortion(name: object) -> bool:
-    """Whether a name is one of the distortion coefficients of a single camera."""
-    return _plain(name) in _OF_A_CAMERA["D"]
-
-
 def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
     names: dict[str, str] = {}
-    for name in sorted(document, key=lambda name: _plain(name) in _WITH_UNIT):
-        role = _role(name)
-        if role in names and _plain(name) in _WITH_UNIT:  # the same in another unit, which is compared
+    for name in sorted(document, key=names_unit):
+        role = role_of(name)
+        if role in names and names_unit(name):  # the same in another unit, which is compared
             continue
         if role in names:
             raise VfoaError(f"{where}: {names[role]} and {name} both are {role}; expected one of them")
@@ -359,44 +298,6 @@ def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
     }
 
 
-def _role(name: object) -> str | None:
-    return _ROLES.get(_plain(name))
-
-
-def _plain(name: object) -> str:
-    """A name in lower case, without underscores and hyphens."""
-    return str(name).lower().replace("_", "").replace("-", "")
-
-
-def _one_level(document: Document) -> Iterator[tuple[str, Any]]:
-    """The values by name, those of a table by both names: ``{"left": {"K": ...}}`` is ``left_K``.
-
-    Tables of two cameras by their numbers are numbered from 1: ``{"cam0": {"K": ...}, "cam1": ...}`` has ``K1``.
-    """
-    numbered = {name: int(match[1]) for name in document if (match := _NUMBERED_TABLE.fullmatch(_plain(name)))}
-    from_1 = {name: number - min(numbered.values()) + 1 for name, number in numbered.items()}
-    is_pair = {*from_1.values()} == {1, 2}
-    for name, value in document.items():
-        if isinstance(value, Mapping) and "data" not in value and _role(name) is None:
-            for inner, below in value.items():
-                yield f"{inner}{from_1[name]}" if is_pair and name in from_1 else f"{name}_{inner}", below
-        else:
-            yield str(name), value
-
-
-def _numbered_from_1(values: Document, where: str) -> Document:
-    """The values by name, those of cameras 0 and 1 by the names of 1 and 2."""
-    numbered = {name: match for name in values if (match := _NUMBERED.fullmatch(_plain(name)))}
-    if "0" not in (present := {match[2] for match in numbered.values()}):
-        return values
-    if "2" in present:
-        raise VfoaError(f"{where}: found {listed([*numbered], 8)} of three cameras; expected those of the pair alone")
-    return {
-        f"{match[1]}{int(match[2]) + 1}" if (match := numbered.get(name)) else name: value
-        for name, value in values.items()
-    }
-
-
 def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:
     """A matrix (rows, columns), which a file may also hold as a list."""
     matrix, shape = matrices[name], _SHAPES[name[0]]
@@ -405,36 +306,12 @@ def _of_shape(matrices: Mapping[str, Float], name: str, where: str) -> Float:
     return matrix.reshape(shape)
 
 
-def image_size(document: Document, matrix: Float | None, where: str) -> tuple[int, int] | None:
-    """The (width, height) of the images of a calibration; None if the file does not say it.
-
-    ``matrix``, K or P of a camera, tells whether rows or columns are first.
-    """
-    of_names = [(_plain(name), _BESIDE_SIZE.sub("", _plain(name)), value) for name, value in _one_level(document)]
-    of_names.sort(key=lambda of_name: of_name[0] == of_name[1])  # that of one camera counts if there is no other
-    plain = {name: value for _, name, value in of_names}
-    found = {role: [plain[name] for name in names if name in plain] for role, names in _SIZES.items()}
-    named = [found["width"][0], found["height"][0]] if found["width"] and found["height"] else None
-    values = named or next(iter(found["both"]), None)
-    if values is None:
-        return None
-    if isinstance(values, Mapping):
-        return image_size(values, matrix, where)
-    values = re.findall(r"[0-9]+", values) if isinstance(values, str) else values  # 640x480
-    if (given := numbers(values, f"{where}: image size")).size not in (2, 3):  # NumPy's shape has the channels, too
-        raise VfoaError(f"{where}: image size: found {given.tolist()}; expected width and height")
-    width, height = given[:2].tolist()
-    if named is None and _is_shape(width, height, matrix):
-        width, height = height, width
-    return (int(width), int(height)) if width > 0 and height > 0 else None
-
-
 def says_fisheye(document: Document) -> bool | None:
     """Whether a value such as ``fisheye: true`` or ``camera_model: fisheye`` says so, which people add.
 
     None: nothing names the lens. ``fisheye_model: 1`` is of OpenCV's own program.
     """
-    said = {_says_fisheye(_plain(name), str(value).lower()) for name, value in document.items()}
+    said = {_says_fisheye(bare_name(name), str(value).lower()) for name, value in document.items()}
     return None if said <= {None} else True in said
 
 
@@ -444,15 +321,6 @@ def _says_fisheye(name: str, value: str) -> bool | None:
     if not name.endswith(("model", "type")):
         return None
     return next((is_fisheye for kind, is_fisheye in _KINDS_OF_LENSES.items() if kind in value), None)
-
-
-def _is_shape(first: float, second: float, matrix: Float | None) -> bool:
-    """Whether an image size is (rows, columns), as of NumPy or MATLAB: the principal point is nearer to that middle."""
-    if matrix is None or matrix.size not in (9, 12) or not (first > 0 and second > 0):
-        return False
-    column, row = matrix.reshape(3, -1)[:2, 2]
-    off = [abs(column / width - 0.5) + abs(row / height - 0.5) for width, height in ((first, second), (second, first))]
-    return off[1] < off[0]
 
 
 def _is_trivial(matrix: Float) -> bool:

@@ -19,6 +19,7 @@ from harness.sources.calibration_files import (
     icub,
     matlab,
     opencv,
+    opencv_names,
     orb_slam,
     ros_text,
     texts,
@@ -148,7 +149,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
                     f'{where}: one camera of {program}; expected the pair: calibration = ["left.yaml", "right.yaml"]'
                 )
             return program, read_pair(contents[0], contents[1], (str(paths[0]), str(paths[1])))
-    merged = orb_slam.as_orb_slam(opencv.merged(contents), where)
+    merged = orb_slam.as_orb_slam(opencv_names.merged(contents), where)
     if (chain := documents.kalibr_chain(merged)) is not None and not opencv.rectifies(merged):
         return "Kalibr", documents.kalibr_pair(chain, options.calibration_cameras or (0, 1), where)
     if basalt.is_basalt(merged):
