@@ -38,8 +38,8 @@ class DisparityMeasure:
 class TargetMeasure:
     """A true object or person against the instance found for it; ``instance_id`` is None if none was found.
 
-    The IoUs are those of the masks and of the 3D boxes, along the camera's axes; ``center_error_m`` is between the
-    boxes' centres. None: no true box, or none found.
+    The IoUs are those of the masks and of the 3D boxes, along the camera's axes, 0 if none was found;
+    ``center_error_m`` is between the boxes' centres, None if no box was found. None for both: no true box.
     """
 
     truth_id: int
@@ -156,13 +156,14 @@ def measure_targets(
         found_id, mask_iou = matches.get(instance.id, (None, 0.0))
         box = boxes.get(found_id) if found_id is not None else None
         true_box = (true_boxes or {}).get(instance.id)
+        missed = None if true_box is None else 0.0
         measures.append(
             TargetMeasure(
                 truth_id=instance.id,
                 label=instance.label,
                 instance_id=found_id,
                 mask_iou=mask_iou,
-                box_iou=box_iou_3d(box, true_box) if box and true_box else None,
+                box_iou=box_iou_3d(box, true_box) if box and true_box else missed,
                 center_error_m=_distance_m(box.center_m, true_box.center_m) if box and true_box else None,
             )
         )

@@ -129,8 +129,6 @@ def _cells(measures: MeasureColumns) -> Iterator[str]:
 
 def _object_cells(objects: Float) -> tuple[str, str, str]:
     mask_iou, box_iou, center_error_m = objects.T
-    if not np.isnan(box_iou).all():
-        box_iou = np.nan_to_num(box_iou)
     return (
         _printed(mask_iou, np.mean, digits=2),
         _printed(box_iou, np.mean, digits=2),

@@ -90,7 +90,9 @@ TABLES: Mapping[str, Mapping[str, Column]] = {
         "label": Column("string", "Its class."),
         "instance_id": Column("int32?", "Instance found for it; null: none."),
         "mask_iou": Column("double", "IoU of the masks."),
-        "box_iou": Column("double?", "IoU of the 3D boxes, along the camera's axes."),
+        "box_iou": Column(
+            "double?", "IoU of the 3D boxes, along the camera's axes, 0: none was found; null: no true box."
+        ),
         "center_error_m": Column("double?", "Distance of the boxes' centres, m."),
     },
     "people": {

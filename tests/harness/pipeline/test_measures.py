@@ -89,7 +89,7 @@ class TestTargets:
         measures = measured(found, targets, Truth(instances=true, boxes={2: box, 3: box}))
         assert [(measure.box_iou, measure.center_error_m) for measure in measures] == [
             (None, None),
-            (None, None),
+            (0, None),
             (1, 0),
         ]
 
@@ -107,6 +107,9 @@ class TestTargets:
     def test_a_mask_that_is_half_another_thing_is_not_the_same(self) -> None:
         (measure,) = measured(masks((7, 20, 40)), (), Truth(instances=masks((3, 10, 30))))
         assert (measure.instance_id, measure.mask_iou, measure.box_iou) == (None, 0.0, None)
+        true = Truth(instances=masks((3, 10, 30)), boxes={3: make_box((0, 0, 2))})
+        (measure,) = measured(masks((7, 20, 40)), (), true)
+        assert (measure.box_iou, measure.center_error_m) == (0.0, None)
 
     def test_stuff_is_no_target_and_an_unsegmented_frame_is_missed(self) -> None:
         true = masks((3, 10, 30), (4, 30, 50))

@@ -25,7 +25,7 @@ from vfoa.errors import VfoaError
 
 def measured(record: FrameRecord, *, error_px: float, eyes_m: float | None, box_iou: float | None) -> FrameRecord:
     thing = TargetMeasure(
-        truth_id=9, label="cup", instance_id=1, mask_iou=0.5, box_iou=box_iou, center_error_m=box_iou and 0.02
+        truth_id=9, label="cup", instance_id=1, mask_iou=0.5, box_iou=box_iou, center_error_m=0.02 if box_iou else None
     )
     person = PersonMeasure(name="girl", head_box_iou=0.8, eye_error_m=eyes_m, head_error_deg=None, gaze_error_deg=12.0)
     disparity = DisparityMeasure(error_px=error_px, over_2_px=0.1, known=0.75)
@@ -38,7 +38,7 @@ def scores() -> Scores:
         measured(record, error_px=error, eyes_m=eyes, box_iou=iou)
         for clip in ("a", "b")
         for record, error, eyes, iou in zip(
-            answers(["mug"] * 3, clip=clip), (0.5, 1.0, 2.5), (0.05, None, 0.07), (0.6, None, 0.3), strict=True
+            answers(["mug"] * 3, clip=clip), (0.5, 1.0, 2.5), (0.05, None, 0.07), (0.6, 0.0, 0.3), strict=True
         )
     ]
     return score(records, Reference(labels={clip: labels(*["mug"] * 3) for clip in ("a", "b")}))
@@ -54,6 +54,18 @@ def test_medians_shares_and_percentiles_by_clip_and_over_all(scores: Scores) -> 
     assert (row["Eyes cm"], row["Eyes 95 %"]) == ("6.0", "6.9")
     assert (row["Head deg"], row["Gaze deg"]) == ("–", "12.0")
     assert [row[0] for row in terminal_measures(stage_measures_table(scores), scores).rows] == ["one"]
+
+
+def test_objects_without_a_true_box_do_not_count_in_the_mean_over_clips() -> None:
+    """Sintel has masks and no boxes, rendered clips have both."""
+    ious = {"boxes": 0.5, "masks": None}
+    records = [
+        measured(record, error_px=1.0, eyes_m=None, box_iou=iou)
+        for clip, iou in ious.items()
+        for record in answers(["mug"] * 3, clip=clip)
+    ]
+    table = stage_measures_table(score(records, Reference(labels={clip: labels(*["mug"] * 3) for clip in ious})))
+    assert [row[table.columns.index("Box IoU")] for row in table.rows] == ["0.50", "–", "0.50"]
 
 
 def test_a_true_thing_bears_the_runs_own_name_for_it(scores: Scores) -> None:
