@@ -339,7 +339,7 @@ def _twice_notes(clips: Iterable[ClipOfRun]) -> Iterator[Note]:
     for same in grouped((clip.sha256, clip.name) for clip in clips if clip.sha256 is not None).values():
         if len(same) > 1:
             text = (
-                f"{', '.join(same)}: the same images under {len(same)} names: rates, intervals and tests count them "
+                f"{', '.join(same)}: the same recording under {len(same)} names: rates, intervals and tests count them "
                 f"{len(same)} times; expected one of them in a run."
             )
             yield Note(text, NoteKind.DOUBT)

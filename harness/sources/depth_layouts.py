@@ -34,7 +34,7 @@ from harness.sources.media.images import read_rgb
 from harness.sources.media.listed_times import find_times, read_times
 from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
 from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 
 
 def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
@@ -230,7 +230,7 @@ def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
         source["camera"] = dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), _TUM_CAMERAS[known], strict=True))
         calibration = f"as published for {known}, without its lens distortion"
     scale = f", {source['depth_scale']:g} counts a metre (TUM RGB-D)" if "depth_scale" in source else ""
-    layout = f"colour {source['colour']!r} and depth {source['depth']!r}: {len(colours)} frames{scale}"
+    layout = f"colour {source['colour']!r} and depth {source['depth']!r}: {counted(len(colours), 'frame')}{scale}"
     return Recognised(
         root=path,
         source=source,

@@ -156,7 +156,10 @@ def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
 def camera_matrix(values: ArrayLike, path: Path) -> Float:
     """Return K (3, 3) of nine numbers by rows; VfoaError if they are no camera's."""
     k = np.asarray(values, dtype=np.float64).reshape(3, 3)
-    if not (np.isfinite(k).all() and k[0, 0] > 0 and k[1, 1] > 0 and np.array_equal(k[2], [0, 0, 1]) and k[1, 0] == 0):
+    is_one = np.array_equal(k, np.eye(3))  # the rotation of two cameras
+    if is_one or not (
+        np.isfinite(k).all() and k[0, 0] > 0 and k[1, 1] > 0 and np.array_equal(k[2], [0, 0, 1]) and k[1, 0] == 0
+    ):
         raise VfoaError(f"{path}: found {k.tolist()}; expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]")
     check_skew(k, str(path))
     return k

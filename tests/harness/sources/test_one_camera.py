@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from harness.sources.calibration_files.one_camera import counts_per_metre, read_one_camera
+from harness.sources.calibration_files.read import Options, read_cameras
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -94,6 +95,16 @@ FILES = {
     "K.txt": "600 0 320\n0 610 240\n0 0 1\n",
     "intrinsics.txt": "# by rows\n600, 0, 320, 0, 610, 240, 0, 0, 1\n",
 }
+
+
+def test_a_rotation_is_no_camera(tmp_path: Path) -> None:
+    """R.txt beside K.txt, of cameras that do not differ: with a baseline it was a rectified pair."""
+    path = tmp_path / "R.txt"
+    np.savetxt(path, np.eye(3))
+    with pytest.raises(VfoaError, match="expected a camera matrix"):
+        read_one_camera(path, (640, 480))
+    with pytest.raises(VfoaError, match="expected a camera matrix"):
+        read_cameras([path], lambda: (640, 480), Options(baseline_m=0.1))
 
 
 @pytest.mark.parametrize("name", FILES)
