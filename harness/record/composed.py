@@ -165,13 +165,11 @@ def _content(clips: Sequence[RecordedClip]) -> ClipContent:
     from harness.record.blueprint import ClipContent, eye_on
     from harness.record.reading import RecordingFile, first_shapes
 
-    images = [clip.files.images for clip in clips]
-    curves = [clip.files.attention(layer.configuration) for clip in clips for layer in clip.layers]
-    curves = [file for file in curves if file.is_file()]
-    paths = {
-        chunk.entity_path for file in (*images, *curves) if file.is_file() for chunk in RecordingFile(file).chunks()
-    }
-    times_ns = [span for file in curves if (span := RecordingFile(file).times_ns()) is not None]
+    images = [RecordingFile(clip.files.images) for clip in clips if clip.files.images.is_file()]
+    attention = [clip.files.attention(layer.configuration) for clip in clips for layer in clip.layers]
+    curves = [RecordingFile(file) for file in attention if file.is_file()]
+    paths = {chunk.entity_path for file in (*images, *curves) for chunk in file.chunks()}
+    times_ns = [span for file in curves if (span := file.times_ns()) is not None]
     files = dict.fromkeys(clip.files.reconstruction(layer.reconstruction) for clip in clips for layer in clip.layers)
     frames = [frame for clip in clips for frame in clip.frames]
     return ClipContent(
