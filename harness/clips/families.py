@@ -38,13 +38,16 @@ def find_manifest(name: str) -> Path:
     Raises
     ------
     VfoaError
-        If no clip has this name.
+        If no clip has this name, or several families have it.
     """
     own = names("datasets").get(name)
     if own and not _clips_of(own):  # most are found without a look at all other files
         return own
     files = clip_files()
     if path := files.get(name):
+        having = sorted(file for file in path.parent.glob("*.toml") if name in _clips_of(file))
+        if len(having) > 1:
+            raise VfoaError(f"{having[0]}: clips.{name}: {having[1].name} has it, too; expected it in one family")
         return path
     if clips := families().get(name):
         raise VfoaError(f"{name}: a family; expected one of its clips: {listed(clips)}")
@@ -52,10 +55,14 @@ def find_manifest(name: str) -> Path:
 
 
 def clip_files() -> dict[str, Path]:
-    """The manifest's file of every clip by name, sorted; a file of its own comes before a family."""
-    files = names("datasets")
+    """The manifest's file of every clip by name, sorted; a file of its own comes before a family.
+
+    One's own families come before those that came with the program.
+    """
+    files, own = names("datasets"), folders("datasets")[0]
     clips_of = {name: _clips_of(path) for name, path in files.items()}
-    of_families = {clip: files[family] for family, clips in clips_of.items() for clip in clips}
+    own_last = sorted(clips_of, key=lambda family: files[family].parent == own)  # the last one counts
+    of_families = {clip: files[family] for family in own_last for clip in clips_of[family]}
     return dict(sorted({**of_families, **{name: path for name, path in files.items() if not clips_of[name]}}.items()))
 
 

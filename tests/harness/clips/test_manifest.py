@@ -195,6 +195,20 @@ def test_a_family_makes_a_clip_of_each_key(tmp_path: Path, monkeypatch: pytest.M
     assert load_experiment("conversation", clips=("talks",)).missing == ("Not here, and not run: talk_1.",)
 
 
+def test_a_clip_of_two_families_is_refused_and_of_one_s_own_and_a_packaged_one_it_is_one_s_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "datasets" / "talks.toml", FAMILY.replace("talk_2", "kitchen_p09"))
+    assert list(load_manifest("kitchen_p09").subjects) == ["ben"]
+    write_text(tmp_path / "datasets" / "talks_of_before.toml", FAMILY.replace("files", "others"))
+    with pytest.raises(VfoaError, match=r"talks\.toml: clips\.talk_1: talks_of_before\.toml has it, too"):
+        clips_here(["talks"])
+    assert load_manifest("talk_2").root == "others/talk_2"
+    write_text(tmp_path / "datasets" / "talk_1.toml", 'name = "talk_1"\nadapter = "measured"\nroot = "mine"\n')
+    assert load_manifest("talk_1").root == "mine"
+
+
 TABLES = FAMILY.partition("[clips]")[0] + '[clips.talk_1]\nWHO = "anna"\n[clips.talk_2]\nWHO = "ben"\n'
 
 
