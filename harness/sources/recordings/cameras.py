@@ -71,6 +71,8 @@ class PairCameras:
     def __init__(self, topics: Collection[Topic], recording: Recording, folder: Path, size: ImageSize) -> None:
         streams, _, settings, where = self._recording = recording
         assert streams.right is not None
+        if settings.aligned is not None:
+            raise VfoaError(f"{where}: source.aligned: found {settings.aligned}; expected none with a right image")
         pair = streams.left, streams.right
         are_rect = all(topic.is_called_rectified for topic in pair)
         self._rectified = are_rect if settings.rectified is None else settings.rectified
@@ -282,7 +284,8 @@ class DepthCamera:
                 f"{where}: source.calibration: is of a pair, the frames are colour with depth; expected camera = "
                 "{ fx_px = ..., cx_px = ..., cy_px = ... } in [source]"
             )
-        self._colour_from_depth = None if is_aligned(self._depth, self._colour) else self._find_motion(topics)
+        aligned = is_aligned(self._depth, self._colour) if settings.aligned is None else settings.aligned
+        self._colour_from_depth = None if aligned else self._find_motion(topics)
         self._infos = {
             self._colour.name: self._info(topics, self._colour, self._depth, settings.left_info),
             self._depth.name: self._info(topics, self._depth, self._colour, settings.depth_info),
@@ -334,7 +337,7 @@ class DepthCamera:
                 f"{self._where}: {depth.name} (frame {depth.frame_id!r}) is not aligned with {colour.name} (frame "
                 f"{colour.frame_id!r}), and the recording has no transform between the two frames; expected /tf_static "
                 "or extrinsics in it, or a topic of aligned depth (RealSense: align_depth.enable; Azure Kinect: "
-                "depth_to_rgb)"
+                "depth_to_rgb), or aligned = true in [source] (--set aligned=true) if it is in the colour image"
             )
         return motion
 

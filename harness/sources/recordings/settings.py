@@ -28,7 +28,8 @@ class RecordingSettings(Settings):
     have both views, beside or above each other (``packing``), the left one first. ``depth_scale`` is the number of
     the sensor's counts per metre (if not given, integers are millimetres). Stamps of a frame are at most
     ``tolerance_ms`` apart (2 for a pair, 20 for depth). ``rectified`` says whether the images are rectified already; if
-    not given, those are whose topics are called so (``image_rect``, ``rect/image``, ``rectified``). ``start_s`` and
+    not given, those are whose topics are called so (``image_rect``, ``rect/image``, ``rectified``). ``aligned`` says
+    whether depth is in the colour image; if not given, names of topics and frames tell it. ``start_s`` and
     ``end_s`` select a part, in seconds after the recording's first message. ``stamps`` are those of the headers (when
     an image was taken), or of the log (when it was recorded), for headers that were not set.
     """
@@ -47,6 +48,7 @@ class RecordingSettings(Settings):
     baseline_m: float | None = Field(default=None, gt=0)
     depth_scale: float | None = Field(default=None, gt=0)
     rectified: bool | None = None
+    aligned: bool | None = None
     tolerance_ms: float | None = Field(default=None, ge=0)
     start_s: float | None = Field(default=None, ge=0)
     end_s: float | None = Field(default=None, gt=0)

@@ -562,3 +562,30 @@ def test_colour_and_depth_without_time_stamps_are_named(unset: set[str], tmp_pat
         open_clip(path)
     found = open_clip(path, stamps="log").frame(2).depth_m
     np.testing.assert_allclose(found, in_metres(depth_mm(2)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("frame", ["", "depth"])
+def test_depth_that_is_aligned_without_saying_so_is_taken_as_told(frame: str, tmp_path: Path) -> None:
+    """Of a script that aligns depth and gives it a name and a frame of its own, or none."""
+    with messages(tmp_path, "mcap") as (path, write):
+        write.image("/cam_rgb/raw", START_NS, moving_picture(1), "rgb8", frame="" if not frame else "colour")
+        write.image("/cam_depth/raw", START_NS, depth_mm(1), "16UC1", frame=frame)
+    camera = {"fx_px": 60, "cx_px": 31.5, "cy_px": 23.5}
+    with pytest.raises(VfoaError, match=r"/cam_depth/raw .* is not aligned with /cam_rgb/raw .*aligned = true"):
+        open_clip(path, camera=camera)
+    clip = open_clip(path, camera=camera, aligned=True)
+    assert clip.notes == ()
+    np.testing.assert_allclose(clip.frame(1).depth_m, in_metres(depth_mm(1)), rtol=1e-6)
+    assert clip.frame(1).rig.fx_px == 60
+
+
+def test_depth_may_be_said_to_be_unaligned(tmp_path: Path) -> None:
+    normal, distance = np.array([0.1, 0.05, 1.0]), 2.0
+    millimetres = np.rint(1000 * plane_depth(WIDE, normal, distance)).astype(np.uint16)
+    with messages(tmp_path, "mcap") as (path, write):
+        write.transform("/tf_static", START_NS, "colour", "depth", SHIFT, TURN.as_quat())
+        write.camera("/camera/color/camera_info", START_NS, LENS, frame="colour")
+        write.image("/camera/color/image_raw", START_NS, moving_picture(1), "rgb8", frame="colour")
+        write.camera("/camera/depth_registered/camera_info", START_NS, WIDE, frame="depth")
+        write.image("/camera/depth_registered/image_raw", START_NS, millimetres, "16UC1", frame="depth")
+    expect_plane(open_clip(path, aligned=False), normal, distance)

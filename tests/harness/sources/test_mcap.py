@@ -637,3 +637,9 @@ def test_times_in_another_unit_are_refused(wrong: str, right: str, per_unit_ns: 
     with pytest.raises(VfoaError, match=rf'/left/image: found 2500.*images per second.*stamps = "{right}"'):
         open_clip(tmp_path / "a.mcap", stamps=wrong)
     assert open_clip(tmp_path / "a.mcap", stamps=right).rate_hz == 25.0
+
+
+def test_a_pair_is_not_said_to_be_aligned(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(range(1, 2)))
+    with pytest.raises(VfoaError, match=r"source\.aligned: found True; expected none"):
+        open_clip(path, aligned=True)
