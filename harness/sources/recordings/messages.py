@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
@@ -369,8 +370,9 @@ def picture(kind: MessageType, data: Content, where: str) -> ImageMessage:
         field = fields_of(kind, data, where)
         frame_id = str(field("frame_id") if _is_flat(kind) else field("header").frame_id)
         is_raw, is_ffmpeg = kind.kind == "raw", kind.name.startswith("ffmpeg_image_transport_msgs/")
+        form = str(field("encoding" if is_raw or is_ffmpeg else "format"))
         return ImageMessage(
-            form=str(field("encoding" if is_raw or is_ffmpeg else "format")),
+            form=_encoding(form) if is_raw else form,
             frame_id=frame_id.removeprefix("/"),  # tf's old names began with a slash
             data=_bytes(field("data")),
             size_px=(int(field("width")), int(field("height"))) if is_raw else None,
@@ -378,6 +380,16 @@ def picture(kind: MessageType, data: Content, where: str) -> ImageMessage:
             is_bigendian=is_raw and not _is_flat(kind) and bool(field("is_bigendian")),
             is_key=bool(int(field("flags")) & 1) if is_ffmpeg else None,  # FFmpeg's AV_PKT_FLAG_KEY
         )
+
+
+_SHORT = {**{name: f"{name}8" for name in ("rgb", "bgr", "rgba", "bgra", "mono")}, "z16": "16UC1"}
+_OPENCV = re.compile(r"\d+[usf]c\d")
+
+
+def _encoding(name: str) -> str:
+    """An encoding as ROS spells it; scripts also write ``RGB8``, ``16uc1``, ``bgr``, or ``Z16`` after librealsense."""
+    name = name.lower()
+    return name.upper() if _OPENCV.fullmatch(name) else _SHORT.get(name, name)
 
 
 def _bytes(data: Any) -> bytes:

@@ -127,8 +127,11 @@ def _rows(raw: ImageMessage, pixel_bytes: int, where: str, count: int | None = N
     return np.frombuffer(raw.data, np.uint8, raw.step * count).reshape(count, raw.step)[:, :row_bytes]
 
 
-_DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4", "64FC1": "f8"}
+DEPTH_FORMS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4", "64FC1": "f8"}
+"""The encodings of raw depth, and their samples."""
+
 _HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transport, compression_common.h
+_PNG = b"\x89PNG\r\n\x1a\n"
 INFRARED = "infra|[/_]ir(?![a-z])"
 """Names of topics in infrared, in lower case, as a pattern; a robot may be called iRobot."""
 _NO_DEPTH = re.compile(f"{INFRARED}|confidence|amplitude|thermal|disparity")
@@ -162,9 +165,9 @@ def read_depth(kind: MessageType, data: bytes, counts_per_m: float | None, where
 
 
 def _raw_depth(raw: ImageMessage, where: str) -> NDArray[Any]:
-    if raw.form not in _DEPTH:
-        raise VfoaError(f"{where}: a depth image in {raw.form!r}; expected one of: {', '.join(_DEPTH)}")
-    sample = np.dtype(_DEPTH[raw.form]).newbyteorder(">" if raw.is_bigendian else "<")
+    if raw.form not in DEPTH_FORMS:
+        raise VfoaError(f"{where}: a depth image in {raw.form!r}; expected one of: {', '.join(DEPTH_FORMS)}")
+    sample = np.dtype(DEPTH_FORMS[raw.form]).newbyteorder(">" if raw.is_bigendian else "<")
     return np.ascontiguousarray(_rows(raw, sample.itemsize, where)).view(sample)
 
 
@@ -172,12 +175,15 @@ def _compressed_depth(content: ImageMessage, where: str) -> NDArray[Any]:
     if "compressedDepth" not in content.form:
         return _png(content.data, where)
     encoding, _, transport = (part.strip() for part in content.form.partition(";"))
+    is_quantised = encoding.upper() == "32FC1"
+    if content.data.startswith(_PNG) and not is_quantised:  # of a script; only quantised depth needs the header
+        return _png(content.data, where)
     if len(content.data) < _HEADER.size:
         raise VfoaError(f"{where}: compressedDepth of {len(content.data)} bytes; expected a header of {_HEADER.size}")
     _, a, b = _HEADER.unpack_from(content.data)
     read = decode_rvl if "rvl" in transport.lower() else _png
     counts = read(content.data[_HEADER.size :], where)
-    if encoding != "32FC1":
+    if not is_quantised:
         return counts
     # quantised inverse depth: z = A / (v - B), 0 is unknown
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):

@@ -13,7 +13,7 @@ from harness.files.groups import grouped
 from harness.sources.media.frame_files import pair_names
 from harness.sources.recordings.calibration_topics import words_of
 from harness.sources.recordings.messages import READ
-from harness.sources.recordings.pixels import INFRARED, may_be_depth
+from harness.sources.recordings.pixels import DEPTH_FORMS, INFRARED, may_be_depth
 from harness.sources.recordings.settings import RecordingSettings
 from harness.sources.recordings.topics import Topic, listed, named
 from vfoa.errors import VfoaError
@@ -63,7 +63,7 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
         left, right = _find_pair(topics, settings.left, settings.right, where)
     except VfoaError as error:
         if settings.right is not None or not _depth_topics(topics):
-            raise VfoaError(f"{error}{_lossy_depth(topics)}") from None
+            raise VfoaError(f"{error}{_unread_depth(topics)}") from None
         left, depth = _find_colour_and_depth(topics, settings.left, None, where)
         return Sides(left, None, depth)
     if settings.left is None and settings.right is None and settings.depth is None and _is_infrared(left):
@@ -79,13 +79,18 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
     return Sides(left, right, own[0] if len(own) == 1 else None)
 
 
-def _lossy_depth(topics: Iterable[Topic]) -> str:
-    """The end of a message if there is no pair, and depth is in JPEG, which has lost it; else empty."""
-    forms = {topic.name: topic.header.form.lower() for topic in topics if topic.header is not None}
-    lossy = [name for name, form in forms.items() if "depth" in name.lower() and re.search("jpe?g", form)]
-    if not lossy:
-        return ""
-    return f"; JPEG has lost the depth of {', '.join(lossy)}: record the raw topic, or compressedDepth"
+def _unread_depth(topics: Iterable[Topic]) -> str:
+    """The end of a message if there is no pair, and topics called depth are in a form that has none; else empty.
+
+    JPEG has lost it.
+    """
+    headers = {
+        topic.name: topic.header for topic in topics if topic.header is not None and "depth" in topic.name.lower()
+    }
+    if lossy := [name for name, header in headers.items() if re.search("jpe?g", header.form.lower())]:
+        return f"; JPEG has lost the depth of {', '.join(lossy)}: record the raw topic, or compressedDepth"
+    others = [f"{name} in {header.form!r}" for name, header in headers.items() if not may_be_depth(name, header)]
+    return f"; no depth is read of {', '.join(others)}: expected {', '.join(DEPTH_FORMS)} or a PNG" if others else ""
 
 
 def unused_pairs(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:

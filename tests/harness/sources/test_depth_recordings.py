@@ -48,6 +48,7 @@ from tests.depth_recordings import (
     Lens,
     Messages,
     Shot,
+    compressed_depth,
     messages,
     write_depth,
     write_take,
@@ -589,3 +590,43 @@ def test_depth_may_be_said_to_be_unaligned(tmp_path: Path) -> None:
         write.camera("/camera/depth_registered/camera_info", START_NS, WIDE, frame="depth")
         write.image("/camera/depth_registered/image_raw", START_NS, millimetres, "16UC1", frame="depth")
     expect_plane(open_clip(path, aligned=False), normal, distance)
+
+
+@pytest.mark.parametrize("encoding", ["16uc1", "Z16", "z16", "MONO16"])
+def test_encodings_of_depth_are_read_as_scripts_spell_them(encoding: str, tmp_path: Path) -> None:
+    with messages(tmp_path, "mcap") as (path, write):
+        write.camera(INFO, START_NS, LENS)
+        write.image(COLOUR, START_NS, moving_picture(1), "RGB")
+        write.image(DEPTH, START_NS, depth_mm(1), encoding)
+    frame = open_clip(path).frame(1)
+    assert np.array_equal(frame.left, moving_picture(1))
+    np.testing.assert_allclose(frame.depth_m, in_metres(depth_mm(1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("encoding", ["32FC1", "32fc1"])
+def test_quantised_depth_is_known_by_its_encoding(encoding: str, tmp_path: Path) -> None:
+    form, data = compressed_depth(depth_mm(1), "32FC1 png")
+    with messages(tmp_path, "mcap") as (path, write):
+        write.camera(INFO, START_NS, LENS)
+        write.image(COLOUR, START_NS, moving_picture(1), "rgb8")
+        write.compressed(f"{DEPTH}/compressedDepth", START_NS, form.replace("32FC1", encoding), data)
+    np.testing.assert_allclose(open_clip(path).frame(1).depth_m, in_metres(depth_mm(1)), rtol=0.01)
+
+
+@pytest.mark.parametrize("form", ["16UC1; compressedDepth", "16UC1; compressedDepth png"])
+def test_compressed_depth_without_a_header_is_read(form: str, tmp_path: Path) -> None:
+    done, coded = cv2.imencode(".png", depth_mm(1))
+    assert done
+    with messages(tmp_path, "mcap") as (path, write):
+        write.camera(INFO, START_NS, LENS)
+        write.image(COLOUR, START_NS, moving_picture(1), "rgb8")
+        write.compressed(f"{DEPTH}/compressedDepth", START_NS, form, coded.tobytes())
+    np.testing.assert_allclose(open_clip(path).frame(1).depth_m, in_metres(depth_mm(1)), rtol=1e-6)
+
+
+def test_depth_in_another_encoding_is_named(tmp_path: Path) -> None:
+    with messages(tmp_path, "mcap") as (path, write):
+        write.image(COLOUR, START_NS, moving_picture(1), "rgb8")
+        write.image("/camera/depth/image_raw", START_NS, depth_mm(1), "u16")
+    with pytest.raises(VfoaError, match=r"no depth is read of /camera/depth/image_raw in 'u16': expected 16UC1, "):
+        open_clip(path)
