@@ -160,9 +160,10 @@ def _number(value: float) -> str:
 class AnnotationFiles:
     """The annotation files of one clip. An annotator of None means ``<clip>.csv``.
 
-    They are searched in ``annotations`` beside the manifest's folder, then in that of the working directory. Labels
-    that came with the program belong only to clips that did, never to another clip of the same name. ``with_clip`` are
-    the clip's root and the path of labels below it, as configured, which are searched last.
+    They are searched in ``annotations`` beside the manifest's folder, then in that of the working directory, if no
+    other clip has this name there. Labels that came with the program belong only to clips that did, never to another
+    clip of the same name. ``with_clip`` are the clip's root and the path of labels below it, as configured, which are
+    searched last.
     """
 
     clip: str
@@ -259,7 +260,11 @@ class AnnotationFiles:
     def _folders(self) -> list[Path]:
         """The folders that are searched, in order."""
         own, *of_program = folders("annotations")
-        return [self._beside, own, *(of_program if came_with_program(self.manifest) else ())]
+        if came_with_program(self.manifest):
+            return [own, *of_program]
+        namesake = own.with_name("datasets") / f"{self.clip}.toml"
+        is_other = namesake.is_file() and not namesake.samefile(self.manifest)
+        return [self._beside, *([] if is_other else [own])]
 
     def _stem(self, annotator: str | None) -> str:
         if annotator is None:

@@ -84,11 +84,24 @@ def test_a_suggestion_is_in_the_file_but_not_in_the_labels_that_count(manifest: 
     assert raw.ranges[0].label.target == "bird"
 
 
-def test_the_labels_of_another_clip_of_this_name_that_came_with_the_program_are_not_written_to(tmp_path: Path) -> None:
+def test_the_labels_of_another_clip_of_this_name_that_came_with_the_program_are_not_used(tmp_path: Path) -> None:
     text = 'name = "studio_table"\nadapter = "studio"\n[source]\nscenario = "table"\n'
     mine = load_manifest(write_text(tmp_path / "datasets" / "studio_table.toml", text))
-    assert mine.annotations.find() is not None
+    assert mine.annotations.find() is None
     assert mine.annotations.place() == tmp_path / "annotations" / "studio_table.csv"
+
+
+@pytest.mark.parametrize("has_namesake", [False, True])
+def test_labels_of_another_project_are_not_those_of_its_clip_of_the_same_name(
+    has_namesake: bool, manifest: ClipManifest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "annotations" / "clip.csv").unlink()
+    other = tmp_path / "other"
+    labels = write_text(other / "annotations" / "clip.csv", "# vfoa annotations 1\n")
+    if has_namesake:
+        write_text(other / "datasets" / "clip.toml", manifest.path.read_text(encoding="utf-8"))
+    monkeypatch.chdir(other)
+    assert manifest.annotations.find() == (None if has_namesake else labels)
 
 
 def test_labels_that_came_with_the_program_are_not_those_of_another_clip_of_the_name(

@@ -173,6 +173,7 @@ def test_a_run_is_scored_against_the_annotator_that_is_named(finished: RunDirect
         manifest = load_manifest(clip["name"])
         labels, timeline = manifest.labels(None), timeline_of(manifest.open())
         assert labels is not None
+        write_annotations(tmp_path / "annotations" / f"{clip['name']}.csv", labels)
         by_time = (replace(row, span_ns=timeline.span_ns(row.first_frame, row.last_frame)) for row in labels.ranges)
         write_annotations(tmp_path / "annotations" / f"{clip['name']}@anna.csv", Labels(by_time))
         nowhere = (replace(row, label=Label(target=NOWHERE)) for row in labels.ranges)
