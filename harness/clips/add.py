@@ -68,7 +68,9 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
         raise VfoaError(f"{path}: no such file or folder")
     refuse_foreign(path)
     names = [adapter] if adapter else ADAPTERS.names()
-    recognisers = {name: cls for name in names if isinstance(cls := ADAPTERS.load(name), Recogniser)}
+    adapters = {name: cls for name in names if isinstance(cls := ADAPTERS.load(name), Recogniser)}
+    recognisers = {name: cls for name, cls in adapters.items() if _has_settings(name, given)}
+    recognisers = recognisers or adapters  # a wrong key is named later
     readings: list[Reading] = []
     failures: list[VfoaError] = []
     for name, cls in recognisers.items():
@@ -89,6 +91,11 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
         )
     found = _held(path) if path.is_dir() else ""
     raise VfoaError(f"{path}: not recognised by {tried}{found}; expected one of the sources in datasets/README.md")
+
+
+def _has_settings(adapter: str, given: Mapping[str, Any]) -> bool:
+    """Whether the given settings are ones of this adapter; a calibration may be of any."""
+    return given.keys() - {*_CALIBRATIONS} <= ADAPTERS.load(adapter).Settings.model_fields.keys()
 
 
 _TABLES = frozenset({".csv", ".tsv", ".txt", ".parquet", ".xlsx"})

@@ -17,6 +17,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from harness.files.groups import grouped
 from harness.files.io import read_text
 from harness.sources import Recognised
 from harness.sources.calibration_files.documents import SUFFIXES
@@ -136,6 +137,7 @@ def find_depth_frames(
     )
 
 
+_DIGITS = re.compile(r"\d+")
 _COLOUR_WORDS = ("rgb", "color", "colour", "image", "img", "left")
 _CALIBRATIONS = re.compile(
     r"(?:(?:camera|cam|color|colour|rgb|realsense)[_-]?)?(?:intrinsics?|info|calib|calibration)|camera|k|ost|"
@@ -159,22 +161,35 @@ _TUM_CAMERAS = {
 """fx, fy, cx, cy as TUM publishes them; the small lens distortion of the first two cameras is left out."""
 
 
+_JOINING = frozenset({"stamps", "tolerance_ms"})
+"""Settings on which it depends which colour and depth are a frame."""
+
+
 def recognise_depth(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
     """Return every way to read a folder as colour with depth; none for anything else.
 
-    A file of times beside the images is left out if the rate is given, or that the numbers in names are times.
+    Files that ``given`` names as ``colour`` and ``depth`` are the only way. A file of times beside the images is left
+    out if the rate is given, or that the numbers in names are times.
 
     Raises
     ------
     VfoaError
-        If there are files called depth beside those of colour, and no depth can be read from them, or a file of times
-        beside them that are not theirs.
+        If named files cannot be read, there are files called depth beside those of colour and no depth can be read from
+        them, or a file of times beside them is not theirs.
     """
     if not path.is_dir():
         return ()
     for lists in _TUM_LISTS:
-        if all((path / name).is_file() for name in lists):
+        has_lists = all((path / name).is_file() for name in lists)
+        if has_lists and lists == (given.get("colour", lists[0]), given.get("depth", lists[1])):
             return (_recognised(path, {"colour": lists[0], "depth": lists[1], "depth_scale": TUM_SCALE}),)
+    has_times = bool(given.keys() & {"rate_hz", "stamps", "times"})
+    if given.keys() >= {"colour", "depth"}:
+        named = {key: str(given[key]) for key in ("colour", "depth")}
+        has_times |= named["colour"].endswith(".txt")
+        stamps = {} if has_times else _stamps(path, *named.values())
+        reading = _recognised(path, {**named, **stamps, **{key: given[key] for key in _JOINING & given.keys()}})
+        return (reading if has_times else _with_times(reading),)
     readings, faults = [], []
     for depth, first, colours in _depths(path):
         try:
@@ -184,11 +199,12 @@ def recognise_depth(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, .
             continue
         for colour in colours:
             source = {"colour": colour, "depth": depth, **_stamps(path, colour, depth)}
+            source |= {key: given[key] for key in _JOINING & given.keys()}
             with suppress(VfoaError):  # no partners
                 readings.append(_recognised(path, source))
     if faults and not readings:
         raise faults[0]
-    return tuple(readings if given.keys() & {"rate_hz", "stamps"} else map(_with_times, readings))
+    return tuple(readings if has_times else map(_with_times, readings))
 
 
 def _with_times(reading: Recognised) -> Recognised:
@@ -212,7 +228,8 @@ def _stamps(path: Path, *patterns: str) -> dict[str, StampUnit]:
 
 def _recognised(path: Path, source: dict[str, Any]) -> Recognised:
     """The reading of these files, with a calibration beside them or, for TUM's cameras, the published one."""
-    found = find_depth_frames(path, source["colour"], source["depth"], DEPTH_TOLERANCE_MS, source.get("stamps"))
+    tolerance_ms = source.get("tolerance_ms", DEPTH_TOLERANCE_MS)
+    found = find_depth_frames(path, source["colour"], source["depth"], tolerance_ms, source.get("stamps"))
     colours = found.colours
     calibration, incomplete = None, list[str]()
     for file in _calibrations(path):
@@ -262,11 +279,29 @@ def _depths(path: Path) -> Iterator[tuple[str, Path, list[str]]]:
 def _patterns(root: Path) -> dict[str, Path]:
     """Patterns, with ``*`` for runs of digits in names, of the files under the root, each with its first file."""
     patterns: dict[str, Path] = {}
-    for folder, names in walk_files(root, IMAGE_SUFFIXES | DEPTH_SUFFIXES):
+    by_folder = {folder: names for folder, names in walk_files(root, IMAGE_SUFFIXES | DEPTH_SUFFIXES) if names}
+    of_frames = _folders_of_frames(by_folder)
+    for folder, names in by_folder.items():
         for name in map(Path, names):
             pattern = re.sub(r"\d+(?:\.\d+)?(?=\D*$)|\d+", "*", name.stem) + name.suffix
-            patterns.setdefault((folder / pattern).as_posix(), root / folder / name)
+            patterns.setdefault((of_frames.get(folder, folder) / pattern).as_posix(), root / folder / name)
     return {_of_digits_alone(pattern, patterns): first for pattern, first in patterns.items()}
+
+
+def _folders_of_frames(by_folder: Mapping[Path, list[str]]) -> dict[Path, Path]:
+    """The folders of single frames, by what they are called but for one number: each has the same files, and a depth.
+
+    ``frame_0001/color.png`` and ``frame_0001/depth.png`` are in ``frame_%d``.
+    """
+    alike = grouped((_DIGITS.sub("%d", folder.as_posix()), folder) for folder in by_folder)
+    return {
+        folder: Path(pattern)
+        for pattern, folders in alike.items()
+        if pattern.count("%") == 1 and len(folders) > 1 and len({tuple(by_folder[each]) for each in folders}) == 1
+        for folder in folders
+        if not any(_DIGITS.search(name) for name in by_folder[folder])
+        if sum("depth" in name.lower() for name in by_folder[folder]) == 1
+    }
 
 
 def _of_digits_alone(pattern: str, others: Iterable[str]) -> str:

@@ -26,7 +26,7 @@ _UNITS: dict[str, StampUnit] = {"sec": "s", "seconds": "s", "msec": "ms", **{uni
 """Units at the end of a column's name."""
 _TIMES = frozenset({"timestamp", "timestamps", "time_stamp", "time", "times", "ts", "t"})
 """Names of a column of times, without the unit."""
-_ANY_TIMES = re.compile(r"(?:.+_)?time_?stamps?(?:_.+)?")
+_ANY_TIMES = re.compile(r"(?:.+_)?time_?stamps?(?:_.+)?|t_.+")
 _OF_OTHERS = frozenset({"right", "depth", "imu", "ir"})
 _OF_IMAGES = frozenset({"left", "rgb", "color", "colour"})
 """Words beside such a name: of other sensors, and of the images that the times are of."""

@@ -257,6 +257,7 @@ TENTHS = (0, 1, 5)
         ("timestamps.txt", [f"{1_718_000_000_000.25 + tenths * 100}" for tenths in TENTHS]),  # a RealSense's ms
         ("left_timestamps.csv", ["id,exposure_time_us,ts_us", *(f"1,8000,{tenths}00000" for tenths in TENTHS)]),
         ("timestamps.csv", ["left_timestamp,right_timestamp", *(f"{tenths / 10},9.9" for tenths in TENTHS)]),
+        ("timestamps.csv", ["t_wall_s,t_rgb_dev_ms,t_depth_dev_ms", *(f"0,{tenths * 100},0" for tenths in TENTHS)]),
         ("timestamps.csv", ["timestamp_rgb_ms,timestamp_host_ms", *(f"{tenths * 100},0" for tenths in TENTHS)]),
     ],
 )

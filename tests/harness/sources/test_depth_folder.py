@@ -133,6 +133,22 @@ def opencv(root: Path) -> Path:
     return root
 
 
+def folder_for_each_frame(root: Path) -> Path:
+    for n in NUMBERS:
+        write_image(root / f"frame_{n:04d}" / "color.png", picture(n))
+        write_counts(root / f"frame_{n:04d}" / "depth.png", n)
+    return root
+
+
+def other_names(root: Path) -> Path:
+    """Two cameras, by their serial numbers, and names that say nothing; overlapping halves are no pair."""
+    for n in NUMBERS:
+        for serial in (111, 222):
+            write_image(root / "a" / f"frame_{n}_cam{serial}.png", picture(n))
+            write_counts(root / "b" / f"frame_{n}_cam{serial}.png", n)
+    return root
+
+
 def beside_pictures_of_depth(root: Path) -> Path:
     """As scripts of a RealSense save: all in one folder, with what they show of the depth."""
     for n in NUMBERS:
@@ -166,6 +182,11 @@ LAYOUTS: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
     "with Open3D's intrinsics": (open3d, ()),
     "with K.txt": (k_text, ()),
     "with OpenCV's matrix": (opencv, ()),
+    "a folder for each frame": (folder_for_each_frame, OPTIONS),
+    "other names": (
+        other_names,
+        (*OPTIONS, "--set", "colour=a/frame_%d_cam222.png", "--set", "depth=b/frame_%d_cam222.png"),
+    ),
     "beside pictures of depth": (beside_pictures_of_depth, OPTIONS),
 }
 
@@ -217,6 +238,8 @@ def test_tum_is_joined_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     path = tum(tmp_path / "rgbd_dataset_freiburg1_xyz")
     monkeypatch.chdir(tmp_path)
     add_clip(path, name="tum")
+    add_clip(path, name="named", source={"colour": "rgb.txt", "depth": "depth.txt"})
+    assert load_manifest("named").source == load_manifest("tum").source
     clip = load_manifest("tum").open()
     assert tuple(clip.frames) == (1, 2, 3)
     assert clip.time_ns(2) == 1305031102208604000
@@ -294,6 +317,19 @@ def test_times_in_a_file_are_those_of_the_colour_images(
         CliRunner().invoke(app, ["add", "take", "--name", "wrong", *OPTIONS], catch_exceptions=False)
     assert CliRunner().invoke(app, ["add", "take", "--name", "rate", *OPTIONS, "--set", "rate_hz=30"]).exit_code == 0
     assert load_manifest("rate").open().time_ns(3) == 100_000_000
+
+
+def test_a_given_tolerance_counts_where_names_are_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for n in range(3):
+        write_image(tmp_path / "take" / "rgb" / f"{1718000000000 + 200 * n}.png", picture(n))
+        write_counts(tmp_path / "take" / "depth" / f"{1718000000050 + 200 * n}.png", n)
+    monkeypatch.chdir(tmp_path)
+    arguments = ["add", "take", *OPTIONS, "--set", "tolerance_ms=60"]
+    for more in ([], ["--name", "named", "--set", "colour=rgb", "--set", "depth=depth"]):
+        done = CliRunner().invoke(app, [*arguments, *more], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+    for name in ("take", "named"):
+        assert len(load_manifest(name).open().frames) == 3
 
 
 def test_stamps_have_no_rate_beside_them() -> None:
