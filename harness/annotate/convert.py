@@ -209,6 +209,7 @@ def export_predictions(
             rate_hz=of_run.rate_hz,
             subjects=predicted.labels.subjects,
             targets=of_run.targets,
+            films=of_run.films,
             **options,
         )
         notes = (*predicted.notes, *written.write(place, predicted.labels, exchange))

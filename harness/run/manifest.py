@@ -60,7 +60,10 @@ class NamesOfClip(_ManifestTable):
 
 
 class ClipOfRun(_ManifestTable):
-    """A clip of a run. ``manifest`` is the path of its own; ``names`` and ``times_ns`` are None in older runs."""
+    """A clip of a run. ``manifest`` is the path of its own; ``names`` and ``times_ns`` are None in older runs.
+
+    ``films`` are those of :class:`harness.sources.FilmClip`.
+    """
 
     name: str
     manifest: str = ""
@@ -70,6 +73,7 @@ class ClipOfRun(_ManifestTable):
     rate_hz: int | float | None = None
     frames: list[int]
     times_ns: list[int] | None = None
+    films: dict[str, float] = {}
     sha256: str | None = None
     drawn_sha256: str | None = None
     names: NamesOfClip | None = None

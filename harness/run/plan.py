@@ -28,7 +28,7 @@ from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, NoteOfRun, RunManifest
 from harness.run.notes import Note
-from harness.sources import Clip, MeasuredClip
+from harness.sources import Clip, FilmClip, MeasuredClip
 from vfoa.errors import VfoaError, located
 from vfoa.methods import MethodSettings
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
@@ -334,6 +334,7 @@ def _describe_clip(prepared: PreparedClip, experiment: Experiment) -> ClipOfRun:
         rate_hz=prepared.clip.rate_hz,
         frames=list(prepared.frames),
         times_ns=[prepared.clip.time_ns(number) for number in prepared.frames],
+        films=dict(prepared.clip.films) if isinstance(prepared.clip, FilmClip) else {},
         sha256=prepared.digest,
         drawn_sha256=None if prepared.drawn is None else prepared.drawn.digest,
         names=NamesOfClip.model_validate(prepared.manifest.naming()),

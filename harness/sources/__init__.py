@@ -152,7 +152,10 @@ class FilmClip(Protocol):
 
     @property
     def films(self) -> Mapping[str, float]:
-        """The name of each film, the left view first, and the time at which a player shows its first picture, s."""
+        """The name of each film, the left view first, and when a player shows the clip's first frame in it, seconds.
+
+        Frames have the numbers of their pictures in it, from 0.
+        """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

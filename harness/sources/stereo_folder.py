@@ -105,7 +105,7 @@ class StereoFolderClip:
 
     @property
     def films(self) -> Mapping[str, float]:
-        """The videos, with the times of their first pictures."""
+        """The videos, with the times of the clip's first frame in them."""
         return self._views.films
 
     def time_ns(self, number: int) -> int:

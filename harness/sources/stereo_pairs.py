@@ -191,12 +191,13 @@ class StereoPairs:
 
     @property
     def films(self) -> dict[str, float]:
-        """The name of each video, the left one first, and the time of its first picture for a player, s.
+        """The name of each video, the left one first, and the time of the clip's first frame for a player, s.
 
         Not of a right one that was started at another time.
         """
         sides = (self._right, self._left) if self._swapped and self._right else (self._left, self._right)
-        return {side.path.name: first_picture_s(side.path) for side in sides if isinstance(side, Video)}
+        videos = [side for side in sides if isinstance(side, Video)]
+        return {each.path.name: first_picture_s(each.path) + each.times_ns[self.frames[0]] / 1e9 for each in videos}
 
     def where(self, number: int) -> str:
         """The (left) file and the frame that messages name."""

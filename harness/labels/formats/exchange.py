@@ -145,8 +145,8 @@ class Exchange:
     offset
         Time of the clip's first frame in the other program, seconds; None: as the file and the film say.
     films
-        The names of the films from which the clip is read, the left view first, each with the time of its first
-        picture for a player, seconds.
+        The names of the films from which the clip is read, the left view first, each with the time at which a player
+        shows the clip's first frame, seconds. Frames have the numbers of their pictures, from 0.
     renamed
         The other program's name -> ours, or "" to leave its labels out; ``SUBJECT:NAME`` -> ours for targets of one
         subject.
@@ -195,6 +195,11 @@ class Exchange:
         return tuple(self.timeline.frames)
 
     @cached_property
+    def places(self) -> Sequence[int]:
+        """How many pictures after the clip's first frame each frame is shown: those of films may be left out."""
+        return [number - self.frames[0] for number in self.frames] if self.films else range(len(self.frames))
+
+    @cached_property
     def shown(self) -> Timeline:
         """The clip's frames at their times in the other program, to the millisecond of its formats.
 
@@ -209,7 +214,7 @@ class Exchange:
             )
         begin_s = next(iter(self.films.values()), 0.0) if self.offset is None else self.offset
         if self.fps is not None:
-            times_ns = [round(position * 1e9 / self.fps) for position in range(len(self.frames))]
+            times_ns = [round(place * 1e9 / self.fps) for place in self.places]
         else:
             own = self.timeline.times_ns
             times_ns = [time - own[0] for time in own]

@@ -160,8 +160,10 @@ def _frames(file: ShapeFile, exchange: Exchange, path: Path) -> Mapping[int | st
     rate_hz = exchange.fps or exchange.rate_hz
     if exchange.offset and rate_hz is None:
         raise VfoaError(f"{path}: --offset: the clip's frame rate is not known; expected --fps RATE, too")
-    first = round((exchange.offset or 0.0) * (rate_hz or 0.0))
-    frames: dict[int | str, int] = {first + position: frame for position, frame in enumerate(exchange.frames)}
+    first = exchange.frames[0] if exchange.films else 0
+    if exchange.offset is not None:
+        first = round(exchange.offset * (rate_hz or 0.0))
+    frames: dict[int | str, int] = {first + n: frame for n, frame in zip(exchange.places, exchange.frames, strict=True)}
     return {name: frames[at] for name, at in places.items() if at in frames} if places else frames
 
 

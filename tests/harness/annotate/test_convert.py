@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pympi.Elan import Eaf
 
 from harness.annotate import actions
-from harness.annotate.convert import export_predictions, predicted_labels
+from harness.annotate.convert import export_predictions, open_exchange, predicted_labels
 from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.formats import FORMATS
@@ -23,7 +23,7 @@ from harness.run.results import read_clip_records
 from tests import records as of_records
 from tests.annotating import FRAMES, make_work
 from tests.command import vfoa
-from tests.disk import write_image, write_text
+from tests.disk import write_image, write_text, write_video
 from tests.exchanges import SUBJECTS, TARGETS, PlainClip, exchange
 from tests.records import frame_record, subject_record, target_record
 from vfoa.errors import VfoaError
@@ -45,14 +45,45 @@ def frames_of(girl: list[str | None], first: int = 1) -> dict[int, FrameRecord]:
     return found
 
 
-def write_run(folder: Path, girl: list[str | None], *, probabilistic: bool = True) -> Path:
+def write_run(
+    folder: Path, girl: list[str | None], *, probabilistic: bool = True, films: dict[str, float] | None = None
+) -> Path:
     records = frames_of(girl)
     names = {"subjects": {each: {} for each in SUBJECTS}, "targets": {each: {} for each in TARGETS}}
     times = [round(frame * 1e9 / RATE_HZ) for frame in records]
     clip = {"name": "clip", "names": names, "frames": list(records), "times_ns": times, "rate_hz": RATE_HZ}
+    clip |= {"films": films} if films else {}
     method = {"probabilistic": probabilistic, "says_nowhere": probabilistic}
     of_records.write_run(folder, records.values(), clips=[clip], configurations={"one": {}}, methods={"one": method})
     return folder
+
+
+MANIFEST = """
+name = "talk"
+adapter = "stereo_folder"
+root = "films"
+source = { layout = "videos", left = "left.mkv", right = "right.mkv", right_offset = -30, camera = CAMERA }
+subjects = { girl = { category = "person" } }
+targets = { bird = { category = "bird" } }
+""".replace("CAMERA", "{ fx_px = 50, cx_px = 7.5, cy_px = 7.5, baseline_m = 0.1 }")
+
+
+@pytest.mark.parametrize(("options", "first", "last"), [({}, 50, 59), ({"fps": 25}, 50, 59), ({"offset": 0.0}, 80, 89)])
+def test_times_of_a_clip_that_begins_within_its_film_are_the_film_s(
+    tmp_path: Path, options: dict[str, float], first: int, last: int
+) -> None:
+    """The right camera was started 30 frames later."""
+    for side, count in (("left", 100), ("right", 70)):
+        write_video(tmp_path / "films" / f"{side}.mkv", [np.full((16, 16, 3), n, np.uint8) for n in range(count)])
+    manifest = load_manifest(write_text(tmp_path / "talk.toml", MANIFEST))
+    document = Eaf(author="somebody")
+    document.add_linked_file("file:///C:/v/left.mkv", mimetype="video/x-matroska")
+    document.add_tier("girl")
+    document.add_annotation("girl", 2000, 2400, "bird")
+    document.to_file(str(tmp_path / "a.eaf"))
+    format_ = FORMATS.load("elan")()
+    (found,) = format_.read(tmp_path / "a.eaf", open_exchange(manifest, **options)).labels.ranges
+    assert (found.first_frame, found.last_frame) == (first, last)
 
 
 def test_predictions_are_suggestions_with_their_probability(tmp_path: Path) -> None:
@@ -69,6 +100,13 @@ def test_predictions_are_suggestions_with_their_probability(tmp_path: Path) -> N
         "1 frame of girl without a prediction (no_direction): no label.",
         "1 label set to 'ignore': the manifest has no name for what was predicted.",
     )
+
+
+def test_predictions_are_at_the_times_of_the_film_that_shows_the_clip(tmp_path: Path) -> None:
+    run = write_run(tmp_path, ["bird"] * 3, films={"left.mp4": 1.2})
+    ((path, _),) = export_predictions(run, "elan")
+    ((begin, *_),) = Eaf(str(path)).get_annotation_data_for_tier("girl")
+    assert begin == 1200
 
 
 def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:

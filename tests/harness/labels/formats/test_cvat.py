@@ -215,6 +215,8 @@ def _pictures(numbers: Sequence[int], suffix: str = "") -> list[str]:
         ((0, 2, 4), (0, 1, 2), {}, {0: 0, 2: 1, 4: 2}),
         ((0, 2, 4), (0, 2, 4), {}, {0: 0, 2: 2, 4: 4}),  # the clip's own files
         (range(1, 7), (1, 2, 3), {}, {1: 1, 2: 2, 3: 3, 4: 3, 5: 3, 6: 3}),
+        ((3, 4, 6), range(8), {"films": {"left.mp4": 0.12}}, {3: 3, 4: 4, 6: 6}),  # read from that film
+        ((3, 4, 6), range(8), {"films": {"left.mp4": 0.12}, "offset": 0.0}, {3: 0, 4: 1, 6: 3}),
     ],
 )
 def test_pictures_of_a_film_are_known_by_their_places(
