@@ -10,7 +10,7 @@ from typing import Any
 from harness.files.io import check_fetched, read_bytes
 from harness.files.parsing import parse_json
 from harness.sources.recordings.containers import is_zstd, starts_with
-from harness.sources.recordings.mcap_files import MAGIC
+from harness.sources.recordings.mcap_files import MAGIC, refuse_damaged
 from vfoa.errors import VfoaError
 
 _ZSTD_SUFFIXES = (".zst", ".zstd")
@@ -27,6 +27,7 @@ _RECORDINGS = {
     ".qtm": ("a measurement of QTM", "the TSV of its 6DOF data: Export to TSV, with header and names of columns"),
     ".c3d": ("markers in C3D", _RIGID_BODIES),
     ".trc": ("markers in TRC", _RIGID_BODIES),
+    ".rrd": ("a recording of Rerun", "what it was made of: images, a film, an MCAP file or a bag"),
     ".bvh": ("a skeleton in BVH", _RIGID_BODIES),
 }
 """By the end of a file's name, what it is, and what can be read in its place."""
@@ -38,6 +39,7 @@ def refuse_foreign(path: Path) -> None:
     if not path.is_file():
         return
     check_fetched(path)
+    refuse_damaged(path)
     if (known := _RECORDINGS.get(path.suffix.lower())) is not None and not starts_with(path, MAGIC):
         kind, instead = known
         raise VfoaError(f"{path}: {kind}, which is not read; expected {instead}")

@@ -21,7 +21,7 @@ from mcap.summary import Summary
 from harness.files.ascending import natural_order
 from harness.files.io import opened
 from harness.sources.recordings import zed
-from harness.sources.recordings.containers import TooLargeError, TopicIndex, unpack, unpack_message
+from harness.sources.recordings.containers import TooLargeError, TopicIndex, starts_with, unpack, unpack_message
 from harness.sources.recordings.messages import Content, MessageType, codec_of, message_type, picture
 from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError, first_line, reported_as
@@ -117,17 +117,32 @@ def walk_messages(
                     messages += 1
 
 
-_BAGS = {".db3": ("a database of ROS 2", b"SQLite format 3"), ".bag": ("a bag of ROS 1", b"#ROSBAG V2.0")}
-"""What files with other endings begin with: a damaged one comes here."""
+_STARTS = {
+    ".mcap": ("MCAP", MAGIC),
+    ".db3": ("a database of ROS 2", b"SQLite format 3"),
+    ".bag": ("a bag of ROS 1", b"#ROSBAG V2.0"),
+}
+"""What recordings are and begin with, by the ends of their names."""
+
+
+def refuse_damaged(path: Path) -> None:
+    """Raise a :class:`VfoaError` for a file that is called as a recording and does not begin as any of them."""
+    if path.suffix.lower() in _STARTS and not any(starts_with(path, magic) for _, magic in _STARTS.values()):
+        with opened(path) as file:
+            raise _not_a_recording(path, file.read(len(MAGIC)))
+
+
+def _not_a_recording(path: Path, start: bytes) -> VfoaError:
+    kind, expected = _STARTS.get(path.suffix.lower(), _STARTS[".mcap"])
+    copied = "" if start.strip(b"\0") else ": copy it again from the recorder"
+    return VfoaError(f"{path}: not {kind}: it starts with {start!r}; expected {expected!r}{copied}")
 
 
 def _offsets(path: Path, file: BinaryIO, losses: list[str]) -> Iterator[int]:
     """The places of all records of these kinds in a file."""
     size = os.fstat(file.fileno()).st_size
     if (magic := file.read(len(MAGIC))) != MAGIC:
-        kind, expected = _BAGS.get(path.suffix, ("MCAP", MAGIC))
-        copied = "" if magic.strip(b"\0") else ": copy it again from the recorder"
-        raise VfoaError(f"{path}: not {kind}: it starts with {magic!r}; expected {expected!r}{copied}")
+        raise _not_a_recording(path, magic)
     offset = len(MAGIC)
     while file.seek(offset) + HEAD.size <= size:
         opcode, length = HEAD.unpack(file.read(HEAD.size))

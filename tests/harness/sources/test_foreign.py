@@ -58,6 +58,19 @@ def test_motion_capture_that_is_not_exported_is_named(name: str, instead: str, t
         refuse_foreign(write_text(tmp_path / name, ""))
 
 
+def test_a_recording_of_rerun_is_named(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"run\.rrd: a recording of Rerun, which is not read; expected what it"):
+        refuse_foreign(write_text(tmp_path / "run.rrd", "RRF2"))
+
+
+@pytest.mark.parametrize(("name", "kind"), [("a.mcap", "MCAP"), ("a.BAG", "a bag of ROS 1"), ("a.db3", "a database")])
+def test_a_file_that_does_not_begin_as_a_recording_is_named(name: str, kind: str, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=rf"{name}: not {kind}.*: it starts with b'hello'; expected b'[^']*'$"):
+        refuse_foreign(write_text(tmp_path / name, "hello"))
+    with pytest.raises(VfoaError, match=rf"{name}: not {kind}.*: it starts with b''; .*: copy it again"):
+        refuse_foreign(write_text(tmp_path / name, ""))
+
+
 @pytest.mark.parametrize(("content", "what"), [(LAYOUT, "a layout"), (MESSAGE, "messages"), ([MESSAGE], "messages")])
 def test_json_of_foxglove_is_named(content: object, what: str, tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.json", json.dumps(content))
