@@ -384,9 +384,10 @@ def _out_of_step(left: Pictures, right: Pictures, frames: Sequence[int]) -> list
         return []
     times_ns = [np.array([times[number] for number in frames]) for times in (left.times_ns, right.times_ns)]
     apart_ns = np.abs(np.subtract(*(times - times[0] for times in times_ns)))  # they may have started apart
-    if len(frames) < 2 or apart_ns.max() <= float(np.median(np.diff(times_ns[0]))) / 2:
+    is_out = apart_ns > (float(np.median(np.diff(times_ns[0]))) / 2 if len(frames) > 1 else math.inf)
+    if not is_out.any():
         return []
-    first, most_ms = int(np.argmax(apart_ns > 0)), apart_ns.max() / 1e6
+    first, most_ms = frames[int(np.argmax(is_out))], apart_ns.max() / 1e6  # times are rounded, or jitter, before
     return [
         f"{right.file(first).name}: from frame {first} on not in step with {left.file(first).name}, by up to "
         f"{most_ms:.0f} ms; frames are paired by their places; tolerance_ms = in [source] pairs them by times"

@@ -210,6 +210,21 @@ def test_two_videos_of_which_one_lost_a_frame(tmp_path: Path) -> None:
         "right.mkv: from frame 120 on not in step with left.mkv, by up to 40 ms; frames are paired by their places; "
         "tolerance_ms = in [source] pairs them by times" in _open(found).notes
     )
+    settings = {"layout": "videos", "left": "left.mkv", "right": "right.mkv", "right_offset": -20, "camera": CAMERA}
+    later = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+    assert [note[:28] for note in later.notes if "step" in note] == ["right.mkv: from frame 140 on"]
+
+
+def test_two_videos_whose_times_jitter_are_out_of_step_only_from_the_lost_frame_on(tmp_path: Path) -> None:
+    """AVI has exact times, Matroska those of its ms."""
+    images = [np.full((16, 16, 3), number, np.uint8) for number in range(200)]
+    write_video(tmp_path / "left.avi", images, "MJPG", rate_hz=30.0)
+    write_video(tmp_path / "right.mkv", images, "MJPG", rate_hz=30.0)
+    _drop_frame(tmp_path / "right.mkv", 120)
+    settings = {"layout": "videos", "left": "left.avi", "right": "right.mkv", "camera": CAMERA}
+    clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+    (note,) = (note for note in clip.notes if "step" in note)
+    assert note.startswith("right.mkv: from frame 120 on")
 
 
 @pytest.mark.parametrize("offset", [0, 2, -2])
