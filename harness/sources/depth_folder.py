@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from harness.files.ascending import usual_step
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth, check_number, given_root
-from harness.sources.calibration_files.one_camera import counts_per_metre, read_one_camera
+from harness.sources.calibration_files.one_camera import camera_note, counts_per_metre, read_one_camera
 from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
 from harness.sources.media.frame_files import StampUnit, number_time_ns, rate_of, untimed_note
@@ -106,8 +106,16 @@ class DepthFolderClip:
             *self._files.notes,
             *(settings.camera.notes if settings.camera else ()),
             *(untimed_note(self.frames) if without_times else ()),
+            *self._camera_note,
             *([f"whole numbers of depth: {counts:g} per metre, as {settings.calibration} says"] if counts else ()),
         )
+
+    @cached_property
+    def _camera_note(self) -> tuple[str, ...]:
+        if self._settings.calibration is None:
+            return ()
+        camera = self._optics.rig
+        return camera_note(self._folder / self._settings.calibration, (camera.width_px, camera.height_px))
 
     @cached_property
     def _counts_per_m(self) -> float | None:

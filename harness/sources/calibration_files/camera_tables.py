@@ -20,17 +20,21 @@ def is_camera(value: object) -> bool:
     return isinstance(value, Mapping) and {"fx", "fy"} <= value.keys()
 
 
-def with_matrices(document: Document) -> dict[str, Any]:
-    """The values of a document, with K and D in each table of a camera, beside its other values.
-
-    Several of them in one table (``intrinsics``) are moved to the top. A camera whose lens is not one of OpenCV's stays
-    as it is.
-    """
+def lifted(document: Document) -> dict[str, Any]:
+    """The values of a document by their names as text, those of a table of cameras (``intrinsics``) beside them."""
     top = dict[str, Any]()
     for name, value in document.items():
         is_group = isinstance(value, Mapping) and sum(map(is_camera, value.values())) > 1
         top |= value if is_group else {name: value}
-    return {name: _as_matrices(value) if is_camera(value) else value for name, value in top.items()}
+    return {str(name): value for name, value in top.items()}
+
+
+def with_matrices(document: Document) -> dict[str, Any]:
+    """The values of :func:`lifted`, with K and D in each table of a camera, beside its other values.
+
+    A camera whose lens is not one of OpenCV's stays as it is.
+    """
+    return {name: _as_matrices(value) if is_camera(value) else value for name, value in lifted(document).items()}
 
 
 def _as_matrices(table: Document) -> Document:

@@ -397,6 +397,12 @@ def test_depth_is_in_the_unit_that_the_camera_s_file_says(tmp_path: Path) -> Non
     clip = DepthFolderClip(DepthFolderSettings.model_validate(settings), tmp_path / "counts")
     np.testing.assert_allclose(clip.frame(3).depth_m, metres(3), rtol=1e-6)
     assert "10000 per metre, as camera_params.json says" in clip.notes[-1]
+    pair = {"color": camera, "depth": {**camera, "fx": 90.0}, "depth_scale_m": 0.0001}
+    write_text(tmp_path / "counts" / "both.json", json.dumps(pair))
+    both = DepthFolderClip(DepthFolderSettings.model_validate(settings | {"calibration": "both.json"}), clip._folder)
+    assert ["of color, depth the images' camera is color" in note for note in both.notes[-2:]] == [True, False]
+    assert both.frame(3).rig == clip.frame(3).rig
+    np.testing.assert_allclose(both.frame(3).depth_m, metres(3), rtol=1e-6)
     check_contract(clip)
     given = DepthFolderClip(DepthFolderSettings.model_validate({**settings, "depth_scale": 5000}), tmp_path / "counts")
     np.testing.assert_allclose(given.frame(3).depth_m, 2 * metres(3), rtol=1e-6)
