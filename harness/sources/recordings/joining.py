@@ -38,13 +38,15 @@ def join_streams(
         If no two stamps are near enough; the message says how far apart they are.
     """
     if streams.is_packed:
-        first_of_stamp = {place.stamp_ns: place for place in reversed(streams.left.places)}
-        return tuple(Sides(place, place, None) for place in reversed(first_of_stamp.values())), ()
+        places, repeated = _once_per_stamp(streams.left.places, "images", settings)
+        return tuple(Sides(place, place, None) for place in places), tuple(repeated)
     partner = streams.right or streams.depth
     assert partner is not None
-    joined, notes = _join_partners(
-        streams.left, partner, settings.tolerance_ns(of_depth=partner is streams.depth), where
-    )
+    tolerance_ns = settings.tolerance_ns(of_depth=partner is streams.depth)
+    joined, notes = _join_partners(streams.left, partner, tolerance_ns, where)
+    kept, repeated = _once_per_stamp(list(joined), "pairs", settings)
+    joined = {place: joined[place] for place in kept}
+    notes += repeated
     rights, depths = ({}, joined) if streams.right is None else (joined, {})
     if streams.right is None:
         offset_ns = float(np.median([abs(colour.stamp_ns - depth.stamp_ns) for colour, depth in joined.items()]))
@@ -127,7 +129,7 @@ def notes_on_clock(name: str, stamps: Iterable[tuple[int, int]], most_in_a_row: 
 
 
 def _join_partners(left: Topic, other: Topic, tolerance_ns: int, where: str) -> tuple[dict[Place, Place], list[str]]:
-    """The images of two topics that belong together, each left stamp once, and notes on those that are left out."""
+    """The images of two topics that belong together, and notes on those that are left out."""
     joined = _join(left.places, other.places, tolerance_ns)
     if not joined:
         raise VfoaError(f"{where}: {_too_far(left, other, tolerance_ns)}")
@@ -141,11 +143,23 @@ def _join_partners(left: Topic, other: Topic, tolerance_ns: int, where: str) -> 
         apart_ns = max(abs(left.places[i].stamp_ns - other.places[j].stamp_ns) for i, j in near)
         pairs = "1 more pair is" if more == 1 else f"{more} more pairs are up to"
         notes.append(f"{pairs} {_ms(apart_ns)} apart, which tolerance_ms = in [source] would allow")
-    first_of_stamp = {place.stamp_ns: place for place in reversed(joined)}
-    if twice := len(joined) - len(first_of_stamp):  # a camera takes one image at a time, but a file may contain copies
-        why = "left out (a copy, or a clock that stopped)"
-        notes.append(f"{twice} of {len(joined)} pairs have the stamp of the one before, {why}")
-    return {place: joined[place] for place in reversed(first_of_stamp.values())}, notes
+    return joined, notes
+
+
+def _once_per_stamp(places: Sequence[Place], what: str, settings: RecordingSettings) -> tuple[list[Place], list[str]]:
+    """The first place of each stamp, and a note on the others.
+
+    A camera takes one image at a time, but a file may contain copies, and a script may write stamps in whole seconds.
+    """
+    first_of_stamp = {place.stamp_ns: place for place in reversed(places)}
+    kept = list(reversed(first_of_stamp.values()))
+    if not (twice := len(places) - len(kept)):
+        return kept, []
+    why = "left out (a copy, or a clock that stopped)"
+    note = f"{twice} of {len(places)} {what} have the stamp of the one before, {why}"
+    if settings.stamps == "header" and twice > len(kept):
+        note += '; stamps = "log" in [source] keeps all that were recorded at other times'
+    return kept, [note]
 
 
 def _join(left: Sequence[Place], other: Sequence[Place], tolerance_ns: int) -> dict[Place, Place]:

@@ -643,3 +643,20 @@ def test_a_pair_is_not_said_to_be_aligned(tmp_path: Path) -> None:
     path = write_pairs(tmp_path / "a.mcap", pairs(range(1, 2)))
     with pytest.raises(VfoaError, match=r"source\.aligned: found True; expected none"):
         open_clip(path, aligned=True)
+
+
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_frames_of_stamps_in_whole_seconds_are_counted(is_packed: bool, tmp_path: Path) -> None:
+    """Of a script without nanoseconds: those of the log keep all of them."""
+    with recorder(tmp_path / "a.mcap") as record:
+        for n in range(1, 7):
+            whole_ns = stamp(1) // 10**9 * 10**9
+            for topic in ["/both"] if is_packed else ["/left", "/right"]:
+                record.picture(topic, whole_ns, picture(n), log_ns=stamp(n))
+    given = {"camera": {"fx_px": 100, "cx_px": 15.5, "cy_px": 23.5, "baseline_m": 0.1}}
+    given |= {"both": "/both"} if is_packed else {}
+    clip = open_clip(tmp_path / "a.mcap", **given)
+    assert len(clip.frames) == 1
+    what = "images" if is_packed else "pairs"
+    assert any(note.startswith(f"5 of 6 {what} have the stamp of") and 'stamps = "log"' in note for note in clip.notes)
+    assert len(open_clip(tmp_path / "a.mcap", stamps="log", **given).frames) == 6
