@@ -74,6 +74,12 @@ def _likeness_to_colour(path: str) -> int:
     return ("rgb" in path) - ("depth" in path)
 
 
+def _has_frame_numbers(path: Path) -> bool:
+    """Whether a list has whole numbers in place of times that are too small for seconds since 1970."""
+    lines = (line.strip() for line in read_text(path).splitlines())
+    return all(re.match(r"\d{1,9}\s", line) for line in lines if line and not line.startswith("#"))
+
+
 class DepthFrames(NamedTuple):
     """The files of each frame, ascending by number; its time in ns if it is known; notes on files without a frame."""
 
@@ -93,7 +99,8 @@ def find_depth_frames(
 ) -> DepthFrames:
     """Return the frames of two patterns of files (``rgb/*.png``), or of two lists of files with times (``rgb.txt``).
 
-    Frames of lists are numbered from 1 by the colour images' times, at most ``tolerance_ms`` from the depth's.
+    Frames of lists are numbered from 1 by the colour images' times, at most ``tolerance_ms`` from the depth's. Lists
+    may have the frames' numbers in place of times, as ICL-NUIM's do.
     ``stamps``: so far apart, too, may the numbers in names be, which are times in this unit. ``times``: a file with the
     time of each colour image.
 
@@ -110,6 +117,8 @@ def find_depth_frames(
     if is_listed := colour.endswith(".txt"):
         words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
         colours, depths = map(read_stamped_list, (folder / colour, folder / depth), words)
+        if _has_frame_numbers(folder / colour) and _has_frame_numbers(folder / depth):
+            is_listed, colours, depths = False, *({t // 10**9: each[t] for t in each} for each in (colours, depths))
     else:
         colours, depths = (find_frames(folder, pattern, str(folder)) for pattern in (colour, depth))
     if has_times := is_listed or stamps is not None:

@@ -234,6 +234,28 @@ def test_a_list_of_associations_is_read_alone(
         np.testing.assert_allclose(frame.depth_m, metres(n), atol=1.1e-4)
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_lists_with_numbers_of_frames_have_no_times(tmp_path: Path, first: int) -> None:
+    """ICL-NUIM's: as seconds, its 30 images of a second would be a second apart."""
+    lines = []
+    for number in range(first, first + 3):
+        write_image(tmp_path / "rgb" / f"{number}.png", picture(number))
+        write_counts(tmp_path / "depth" / f"{number}.png", number, 5000.0)
+        lines.append(f"{number} depth/{number}.png {number} rgb/{number}.png\n")
+    write_text(tmp_path / "associations.txt", "".join(lines))
+    settings = {"colour": "associations.txt", "depth": "associations.txt", "depth_scale": 5000, "camera": CAMERA}
+    clip = DepthFolderClip(DepthFolderSettings.model_validate(settings), tmp_path)
+    assert (clip.frames, clip.rate_hz) == ((first, first + 1, first + 2), None)
+    assert clip.time_ns(first + 2) - clip.time_ns(first) == 80_000_000
+    assert ["25 numbers a second" in note for note in clip.notes] == [True]
+    given = DepthFolderClip(DepthFolderSettings.model_validate({**settings, "rate_hz": 30}), tmp_path)
+    assert (given.rate_hz, given.time_ns(first + 1)) == (30.0, round((first + 1) * 1e9 / 30))
+    assert np.array_equal(clip.frame(first + 1).left, picture(first + 1))
+    check_contract(clip)
+    write_text(tmp_path / "associations.txt", "".join(lines).replace(" ", ".0 ").replace("png.0", "png"))
+    assert DepthFolderClip(DepthFolderSettings.model_validate(settings), tmp_path).rate_hz == 1.0
+
+
 def test_tum_is_joined_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tum(tmp_path / "rgbd_dataset_freiburg1_xyz")
     monkeypatch.chdir(tmp_path)
