@@ -29,6 +29,7 @@ from harness.sources.media.frame_files import (
     find_frames,
     join_times,
     stamp_unit,
+    times_beside,
     walk_files,
 )
 from harness.sources.media.images import read_rgb
@@ -131,7 +132,7 @@ def find_depth_frames(
     if not pairs:
         raise VfoaError(f"{folder}: no image of {colour!r} has a partner in {depth!r} {rule}")
     numbered = dict(enumerate(pairs, start=1)) if is_listed else {pair[0]: pair for pair in pairs}
-    times_ns: Mapping[int, int] | None = {key: key * tick_ns for key in colours} if has_times else None
+    times_ns = {key: key * tick_ns for key in colours} if has_times else times_beside(colours)
     if times is not None:
         times_ns = read_times(folder / times, colours)
     return DepthFrames(

@@ -22,6 +22,7 @@ from harness.sources.media.frame_files import (
     join_times,
     nearest_apart,
     rate_of,
+    times_beside,
 )
 from harness.sources.media.images import read_rgb, turn_of, width_by_height
 from harness.sources.media.listed_times import read_times
@@ -295,7 +296,7 @@ class PairFiles(Settings):
             return ImageFiles(files, read_times(folder / self.times, files))
         if self.stamps is not None:
             return ImageFiles(files, {number: number * TICKS_NS[self.stamps] for number in files})
-        return ImageFiles(files)
+        return ImageFiles(files, times_beside(files))
 
 
 def find_sides(folder: Path, left: str, right: str) -> tuple[Mapping[int, Path], Mapping[int, Path]]:

@@ -371,6 +371,30 @@ def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
     return unit
 
 
+def times_beside(files: Mapping[int, Path]) -> dict[int, int] | None:
+    """The times since 1970 in ns that stand beside the numbers of frames in their names; None if there are none.
+
+    ``frame_000001_1718000000123.png``: one run of digits that ascends with the frames, and has a unit.
+    """
+    first = next(iter(files.values())).stem
+    if len(files) < 2 or max(map(len, _DIGITS.findall(first)), default=0) < _SHORTEST_STAMP:
+        return None
+    rows = [[int(digits) for digits in _DIGITS.findall(path.stem)] for path in files.values()]
+    if len({*map(len, rows)}) != 1:
+        return None
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    stamps = [
+        (column, unit)
+        for column in columns
+        if (unit := stamp_unit(column)) and all(before < after for before, after in pairwise(column))
+    ]
+    if len(stamps) != 1 or stamps[0][0] == list(files):
+        return None
+    ((column, unit),) = stamps
+    return {number: stamp * TICKS_NS[unit] for number, stamp in zip(files, column, strict=True)}
+
+
+_SHORTEST_STAMP = 10
 _END_OF_SECONDS = 2**31
 """Seconds since 1970 are less until 2038."""
 _FEWEST_TICKS = 1000

@@ -273,6 +273,18 @@ def test_a_line_of_time_for_each_image(tmp_path: Path, names: tuple[str, str], p
     assert [time_ns - times_ns[0] for time_ns in times_ns] == pytest.approx([n * 10**8 for n in TENTHS], abs=1000)
 
 
+def test_an_index_and_a_time_in_each_name(tmp_path: Path) -> None:
+    """The stamps of both cameras differ, and have no unit in common with the index."""
+    for number, tenths in enumerate(TENTHS, start=1):
+        for late_ms, (side, view) in enumerate(zip(("left", "right"), views(number), strict=True)):
+            stamp_ms = 1_718_000_000_000 + 100 * tenths + late_ms
+            write_image(tmp_path / "data" / side / f"{number:06d}_{stamp_ms}.png", view)
+    vfoa("add", tmp_path / "data", "--name", "mine", *NUMBERS)
+    clip = load_manifest("mine").open()
+    assert tuple(clip.frames) == (1, 2, 3)
+    assert [clip.time_ns(n) - 1_718_000_000 * 10**9 for n in clip.frames] == [tenths * 10**8 for tenths in TENTHS]
+
+
 @pytest.mark.parametrize(
     "line",
     [

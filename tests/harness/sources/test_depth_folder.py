@@ -354,6 +354,19 @@ def test_a_given_tolerance_counts_where_names_are_times(tmp_path: Path, monkeypa
         assert len(load_manifest(name).open().frames) == 3
 
 
+def test_times_beside_the_numbers_of_frames_are_theirs(tmp_path: Path) -> None:
+    """As Orbbec's example saves images; the stamps of both cameras differ."""
+    for place, n in enumerate((8, 9, 10)):
+        write_image(tmp_path / "rgb" / f"color_64x48_{n}_{1718000000000 + 100 * place}.png", picture(n))
+        write_counts(tmp_path / "depth" / f"depth_64x48_{n}_{1718000000040 + 100 * place}.png", n)
+    settings = {"colour": "rgb", "depth": "depth", "camera": CAMERA}
+    clip = DepthFolderClip(DepthFolderSettings.model_validate(settings), tmp_path)
+    assert (tuple(clip.frames), clip.rate_hz, clip.time_ns(9)) == ((8, 9, 10), 10.0, 1718000000100 * 10**6)
+    assert clip.notes == ()
+    slow = DepthFolderClip(DepthFolderSettings.model_validate(settings | {"rate_hz": 30}), tmp_path)
+    assert slow.time_ns(9) == 300_000_000
+
+
 def test_stamps_have_no_rate_beside_them() -> None:
     settings = {"colour": "rgb", "depth": "depth", "camera": CAMERA, "stamps": "us", "rate_hz": 30}
     with pytest.raises(ValueError, match=r"stamps: .*rate_hz"):
