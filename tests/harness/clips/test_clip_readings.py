@@ -259,4 +259,4 @@ def test_a_large_file_that_is_no_picture_is_not_read(tmp_path: Path, monkeypatch
         raise AssertionError(path)
 
     monkeypatch.setattr(Path, "read_bytes", fail)
-    assert "not recognised" in refused(tmp_path / "a.bag")
+    assert "a.bag: not a bag of ROS 1" in refused(tmp_path / "a.bag")
