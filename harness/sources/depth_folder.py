@@ -13,7 +13,8 @@ from pydantic import Field, model_validator
 from harness.files.ascending import usual_step
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth, check_number, given_root
-from harness.sources.calibration_files.one_camera import camera_note, counts_per_metre, read_one_camera
+from harness.sources.calibration_files.depth_unit import counts_per_metre
+from harness.sources.calibration_files.one_camera import camera_note, read_one_camera
 from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
 from harness.sources.media.frame_files import StampUnit, number_time_ns, rate_of, untimed_note

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 from harness.files.groups import grouped
 from harness.files.io import read_text
 from harness.sources import Recognised
+from harness.sources.calibration_files.depth_unit import counts_per_metre
 from harness.sources.calibration_files.documents import SUFFIXES
-from harness.sources.calibration_files.one_camera import counts_per_metre, read_one_camera
+from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.media.frame_files import (
     IMAGE_SUFFIXES,
     TICKS_NS,

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from harness.sources.calibration_files.documents import Document
+from harness.sources.calibration_files.image_size import image_size
 
 _PRINCIPAL_POINTS = (("cx", "cy"), ("ppx", "ppy"))
 _LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -13,6 +15,9 @@ _LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _COLUMNS = ("disto", "coeffs")
 """Their names in the SDKs, all in one list."""
 _OF_OPENCV = ("brown_conrady", "plumb_bob", "none")
+_OF_COLOUR, _OF_DEPTH = re.compile(r"rgb|colou?r", re.IGNORECASE), re.compile(r"depth|infra|ir(?![a-z])", re.IGNORECASE)
+_OF_LEFT, _OF_RIGHT = re.compile(r"left", re.IGNORECASE), re.compile(r"right", re.IGNORECASE)
+"""Of names of tables of cameras: depth is aligned with colour, and measured by the left one of two."""
 
 
 def is_camera(value: object) -> bool:
@@ -27,6 +32,39 @@ def lifted(document: Document) -> dict[str, Any]:
         is_group = isinstance(value, Mapping) and sum(map(is_camera, value.values())) > 1
         top |= value if is_group else {name: value}
     return {str(name): value for name, value in top.items()}
+
+
+def realsense_cameras(document: Document) -> list[str]:
+    """The names of cameras in tables of their own, by a RealSense's names; ``intrinsics_left`` of a table in one."""
+    tables = [(str(name), value) for name, value in document.items() if isinstance(value, Mapping)]
+    tables += [(f"{name}_{inner}", below) for name, table in tables for inner, below in table.items()]
+    return [name for name, table in tables if is_camera(table)]
+
+
+def images_camera(top: Document, size_px: tuple[int, int] | None) -> str | None:
+    """The table of the images' camera among the values of a document; None if it is not known.
+
+    It is the only one; of colour, depth and infrared the one of this size, else colour; left beside right.
+    """
+    if "fx" in top:
+        return None
+    tables = {name: value for name, value in top.items() if is_camera(value)}
+    for of_images, of_others in ((_OF_COLOUR, _OF_DEPTH), (_OF_LEFT, _OF_RIGHT)):
+        if len(tables) > 1 and all(of_images.search(name) or of_others.search(name) for name in tables):
+            sizes = {name: image_size(table, None, name) or size_px for name, table in tables.items()}
+            fitting = [name for name in tables if sizes[name] == size_px] or [*tables]
+            named = [name for name in fitting if of_images.search(name)]
+            return (named or fitting)[0] if len(named or fitting) == 1 else None
+    return next(iter(tables)) if len(tables) == 1 else None
+
+
+def with_camera_table(document: Document, size_px: tuple[int, int] | None = None) -> Document:
+    """The values of a document and of its table of the images' camera: ``{"intrinsics": {"fx": ...}}``."""
+    top = lifted(document)
+    name = images_camera(top, size_px)
+    if name is None:
+        return document
+    return {**{name: value for name, value in top.items() if not is_camera(value)}, **top[name]}
 
 
 def with_matrices(document: Document) -> dict[str, Any]:

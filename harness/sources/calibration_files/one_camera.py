@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,13 @@ import numpy as np
 
 from harness.files.io import read_text
 from harness.sources.calibration import check_size
-from harness.sources.calibration_files.camera_tables import is_camera, lifted
+from harness.sources.calibration_files.camera_tables import (
+    images_camera,
+    is_camera,
+    lifted,
+    realsense_cameras,
+    with_camera_table,
+)
 from harness.sources.calibration_files.documents import Document, document_suffix, numbers, read_document, ros_camera
 from harness.sources.calibration_files.image_size import image_size
 from harness.sources.calibration_files.opencv import opencv_camera, says_fisheye
@@ -59,7 +65,7 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
         If the file is of none of these kinds, or of a camera of another size.
     """
     if document_suffix(path):
-        camera = _of_document(path, _with_camera_table(read_document(path), size_px), size_px, rectified=rectified)
+        camera = _of_document(path, with_camera_table(read_document(path), size_px), size_px, rectified=rectified)
     elif is_ros_text(text := read_text(path)):
         camera = read_ros_camera(path, text)
     else:
@@ -72,89 +78,13 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
     return without_distortion(camera) if rectified else camera
 
 
-_DEPTH_SCALE = re.compile(
-    r"(?:png_)?depth_?scale(?:_(mm|m|met(?:er|re)s?)(?:_per_(?:unit|count))?)?|scale", re.IGNORECASE
-)
-"""The name of the unit of depth in whole numbers."""
-_OF_COLOUR, _OF_DEPTH = re.compile(r"rgb|colou?r", re.IGNORECASE), re.compile(r"depth|infra|ir(?![a-z])", re.IGNORECASE)
-_OF_LEFT, _OF_RIGHT = re.compile(r"left", re.IGNORECASE), re.compile(r"right", re.IGNORECASE)
-"""Of names of tables of cameras: depth is aligned with colour, and measured by the left one of two."""
-
-_METRES_PER_COUNT, _COUNTS_PER_METRE = 0.02, 50.0
-"""Of a scale of depth: the most metres per count, and the least counts per metre, that are read."""
-
-
-def counts_per_metre(path: Path) -> float | None:
-    """The unit of depth in whole numbers that people's scripts save beside a camera, in counts per metre.
-
-    ``depth_scale`` is in metres per count, as of a RealSense (0.001), or in counts per metre, as of Open3D (1000);
-    ``png_depth_scale`` and ``scale`` are those of NICE-SLAM and Replica. None: the file says none, or 1, which is a
-    millimetre in BOP's data sets, and nothing beside depth in metres. ``depth_scale_m`` and ``depth_scale_mm`` have
-    their units in their names.
-
-    Raises
-    ------
-    VfoaError
-        If it is neither.
-    """
-    document = _with_camera_table(read_document(path)) if document_suffix(path) else {}
-    for name in sorted(document, key=lambda name: name == "scale"):  # that of an image, maybe
-        unit = _DEPTH_SCALE.fullmatch(str(name))
-        if unit is None:
-            continue
-        (scale,) = numbers(document[name], f"{path}: {name}", 1) * (0.001 if unit[1] == "mm" else 1)
-        if 0 < scale <= _METRES_PER_COUNT:
-            return round(1 / float(scale), 2)  # a RealSense says 0.0010000000474974513
-        if scale >= _COUNTS_PER_METRE:
-            return float(scale)
-        if scale != 1 and name != "scale":
-            raise VfoaError(
-                f"{path}: {name}: found {scale:g}; expected metres per count, such as 0.001, or counts per metre, such "
-                "as 1000: say depth_scale = in [source], in counts per metre"
-            )
-    return None
-
-
 def camera_note(path: Path, size_px: tuple[int, int]) -> tuple[str, ...]:
     """A note on the camera of a file with those of several sensors, which decides every direction."""
     top = lifted(read_document(path)) if document_suffix(path) else {}
-    name, others = _images_camera(top, size_px), [name for name, value in top.items() if is_camera(value)]
+    name, others = images_camera(top, size_px), [name for name, value in top.items() if is_camera(value)]
     if name is None or len(others) == 1:
         return ()
     return (f"{path.name}: of {listed(others, 4)} the images' camera is {name}: expected depth aligned with it",)
-
-
-def _images_camera(top: Document, size_px: tuple[int, int] | None) -> str | None:
-    """The table of the images' camera among the values of a document; None if it is not known.
-
-    It is the only one; of colour, depth and infrared the one of this size, else colour; left beside right.
-    """
-    if "fx" in top:
-        return None
-    tables = {name: value for name, value in top.items() if is_camera(value)}
-    for of_images, of_others in ((_OF_COLOUR, _OF_DEPTH), (_OF_LEFT, _OF_RIGHT)):
-        if len(tables) > 1 and all(of_images.search(name) or of_others.search(name) for name in tables):
-            sizes = {name: image_size(table, None, name) or size_px for name, table in tables.items()}
-            fitting = [name for name in tables if sizes[name] == size_px] or [*tables]
-            named = [name for name in fitting if of_images.search(name)]
-            return (named or fitting)[0] if len(named or fitting) == 1 else None
-    return next(iter(tables)) if len(tables) == 1 else None
-
-
-def _with_camera_table(document: Document, size_px: tuple[int, int] | None = None) -> Document:
-    """The values of a document and of its table of the images' camera: ``{"intrinsics": {"fx": ...}}``."""
-    top = lifted(document)
-    name = _images_camera(top, size_px)
-    if name is None:
-        return document
-    return {**{name: value for name, value in top.items() if not is_camera(value)}, **top[name]}
-
-
-def realsense_cameras(document: Document) -> list[str]:
-    """The names of cameras in tables of their own, by a RealSense's names; ``intrinsics_left`` of a table in one."""
-    tables = [(str(name), value) for name, value in document.items() if isinstance(value, Mapping)]
-    tables += [(f"{name}_{inner}", below) for name, table in tables for inner, below in table.items()]
-    return [name for name, table in tables if isinstance(table, Mapping) and {"fx", "fy"} <= table.keys()]
 
 
 def _of_document(path: Path, document: Document, size_px: tuple[int, int], *, rectified: bool) -> RawCamera:

@@ -25,9 +25,8 @@ from harness.sources.calibration_files import (
     texts,
     vins,
 )
-from harness.sources.calibration_files.camera_tables import with_matrices
+from harness.sources.calibration_files.camera_tables import realsense_cameras, with_matrices
 from harness.sources.calibration_files.documents import METRES, SUFFIXES, Unit
-from harness.sources.calibration_files.one_camera import realsense_cameras
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.media.frame_files import pair_names

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from harness.sources.calibration_files.one_camera import counts_per_metre, read_one_camera
+from harness.sources.calibration_files.depth_unit import counts_per_metre
+from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.read import Options, read_cameras
 from tests.disk import write_text
 from vfoa.errors import VfoaError
