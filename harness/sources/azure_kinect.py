@@ -19,7 +19,7 @@ from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration_files.documents import Document, expect_names, numbers
 from harness.sources.depth_optics import DepthOptics, DepthRegistration
 from harness.sources.media.film import container_tags
-from harness.sources.media.frame_files import join_times, rate_of
+from harness.sources.media.frame_times import join_times, rate_of
 from harness.sources.media.images import decode_rgb
 from harness.sources.media.maps import MILLIMETRES, depth_map
 from harness.sources.media.matroska import FilmPicture, read_blocks, read_head

@@ -17,7 +17,7 @@ from harness.sources.calibration_files.depth_unit import counts_per_metre
 from harness.sources.calibration_files.one_camera import camera_note, read_one_camera
 from harness.sources.depth_layouts import find_depth_frames, recognise_depth
 from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_calibration
-from harness.sources.media.frame_files import StampUnit, number_time_ns, rate_of, untimed_note
+from harness.sources.media.frame_times import StampUnit, number_time_ns, rate_of, untimed_note
 from harness.sources.media.images import read_rgb, width_by_height
 from harness.sources.media.maps import read_depth_file
 from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS

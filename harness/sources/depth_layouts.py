@@ -17,22 +17,13 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness.files.groups import grouped
 from harness.files.io import read_text
 from harness.sources import Recognised
 from harness.sources.calibration_files.depth_unit import counts_per_metre
 from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.one_camera import read_one_camera
-from harness.sources.media.frame_files import (
-    IMAGE_SUFFIXES,
-    TICKS_NS,
-    StampUnit,
-    find_frames,
-    join_times,
-    stamp_unit,
-    times_beside,
-    walk_files,
-)
+from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES, find_frames, folders_by_number, walk_files
+from harness.sources.media.frame_times import TICKS_NS, StampUnit, join_times, stamp_unit, times_beside
 from harness.sources.media.images import read_rgb
 from harness.sources.media.listed_times import find_times, read_times
 from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
@@ -148,7 +139,6 @@ def find_depth_frames(
     )
 
 
-_DIGITS = re.compile(r"\d+")
 _COLOUR_WORDS = ("rgb", "color", "colour", "image", "img", "left")
 _CALIBRATIONS = re.compile(
     r"(?:(?:camera|cam|color|colour|rgb|realsense)[_-]?)?(?:intrinsics?|info|calib|calibration)|camera|k|ost|"
@@ -304,13 +294,13 @@ def _folders_of_frames(by_folder: Mapping[Path, list[str]]) -> dict[Path, Path]:
 
     ``frame_0001/color.png`` and ``frame_0001/depth.png`` are in ``frame_%d``.
     """
-    alike = grouped((_DIGITS.sub("%d", folder.as_posix()), folder) for folder in by_folder)
+    by_number = folders_by_number(folder.as_posix() for folder in by_folder)
     return {
         folder: Path(pattern)
-        for pattern, folders in alike.items()
-        if pattern.count("%") == 1 and len(folders) > 1 and len({tuple(by_folder[each]) for each in folders}) == 1
-        for folder in folders
-        if not any(_DIGITS.search(name) for name in by_folder[folder])
+        for pattern, names in by_number.items()
+        if len(names) > 1 and len({tuple(by_folder[Path(name)]) for name in names}) == 1
+        for folder in map(Path, names)
+        if not any(DIGITS.search(name) for name in by_folder[folder])
         if sum("depth" in name.lower() for name in by_folder[folder]) == 1
     }
 

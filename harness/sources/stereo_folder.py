@@ -15,7 +15,7 @@ from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration import Calibration, check_first_size, first_size
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Intrinsics, check_one_calibration
-from harness.sources.media.frame_files import number_time_ns, untimed_note
+from harness.sources.media.frame_times import number_time_ns, untimed_note
 from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note, shrinking_note
 from harness.sources.stereo_pairs import PairFiles
 from vfoa.errors import VfoaError, located

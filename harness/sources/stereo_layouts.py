@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import glob
 import re
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -22,11 +21,12 @@ from harness.sources.media import yarp
 from harness.sources.media.frame_files import (
     IMAGE_SUFFIXES,
     find_frames,
+    folders_by_number,
     numbered_views,
     pair_names,
-    stamp_unit,
     walk_files,
 )
+from harness.sources.media.frame_times import stamp_unit
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.listed_times import find_times
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
@@ -132,21 +132,15 @@ def _sides_by_name(root: Path, images: dict[str, list[str]]) -> Iterator[tuple[s
             yield prefix + left, prefix + right
 
 
-_NUMBER = re.compile("[0-9]+")
-
-
 def _folders_of_frames(root: Path, images: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, tuple[str, str]]]:
     """The folders of single frames, each with the pattern of all (``frame_%d``) and the names of both views.
 
     They are called alike but for one number, and have a pair of the same names each, and nothing else: a scene of its
     own has its calibration.
     """
-    alike = defaultdict[str, list[str]](list)
-    for folder, files in images.items():
-        if len(_NUMBER.findall(folder)) == 1 and "%" not in folder and len(files) == len([*(root / folder).iterdir()]):
-            alike[_NUMBER.sub("%d", folder)].append(folder)
     found = dict[str, tuple[str, tuple[str, str]]]()
-    for pattern, folders in alike.items():
+    for pattern, alike in folders_by_number(images).items():
+        folders = [folder for folder in alike if len(images[folder]) == len([*(root / folder).iterdir()])]
         views = {pair_names([Path(file).name for file in images[folder]], numbered=False) for folder in folders}
         if len(folders) > 1 and len(views) == 1 and len(pair := views.pop()) == 1:
             found |= dict.fromkeys(folders, (pattern, pair[0]))

@@ -14,10 +14,10 @@ from pydantic import Field, model_validator
 
 from harness.files.digests import digest_files
 from harness.sources.media.film import first_picture_s
-from harness.sources.media.frame_files import (
+from harness.sources.media.frame_files import find_frames
+from harness.sources.media.frame_times import (
     TICKS_NS,
     StampUnit,
-    find_frames,
     join_nearest,
     join_times,
     nearest_apart,

@@ -1,4 +1,4 @@
-"""Files of frames by their names: the digits are the number or the time, words the side. Times are joined to frames."""
+"""Files of frames by their names: the digits are the number or the time, words the side."""
 
 from __future__ import annotations
 
@@ -11,22 +11,20 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from harness.files.ascending import place_in
+from harness.files.groups import grouped
 from harness.sources.media import yarp
 from harness.sources.media.dated_names import find_dates
 from vfoa.errors import VfoaError
-from vfoa.times import FRAME_S
 
 Value = TypeVar("Value")
 
-StampUnit = Literal["s", "ms", "us", "ns"]
-TICKS_NS: dict[StampUnit, int] = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-
-_DIGITS = re.compile(r"\d+")
+DIGITS = re.compile(r"\d+")
+"""A number in a name."""
 _PRINTF = re.compile(r"%0?(\d*)d")
 _LARGEST = 2**63 - 1
 DEPTH = 3
@@ -123,7 +121,7 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
     messages.
     """
     names = sorted(names)
-    runs = {name: _DIGITS.findall(os.path.splitext(name)[0]) for name in names}
+    runs = {name: DIGITS.findall(os.path.splitext(name)[0]) for name in names}
     if twice := [name for name, other in pairwise(names) if name == other]:
         raise VfoaError(f"{where}: {twice[0]!r} occurs twice; expected one image of each name")
     if len(names) == 1:
@@ -151,11 +149,11 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
 
 
 _SECONDS, _MILLISECONDS = re.compile(r"1\d{9}"), re.compile(r"1\d{12}")
-_CLOCK_DIGITS, _LEAST_STEP_S = (6, 9), 1e-4
+_CLOCKDIGITS, _LEAST_STEP_S = (6, 9), 1e-4
 """Numbers of decimals of a clock in us or ns, and the least step of frames, seconds."""
-_STAMP_DIGITS = 9
+_STAMPDIGITS = 9
 """Least digits of a time stamp; today's have 10 in seconds."""
-_FEWER_DIGITS = 3
+_FEWERDIGITS = 3
 """By how many digits an index is shorter than a stamp beside it."""
 
 
@@ -168,7 +166,7 @@ def _with_decimals(
     decimals, and ``12.300000`` of a simulation, if these are not an index. Those of several lengths stay apart: it is
     not known what they count.
     """
-    spans = [match.span() for match in _DIGITS.finditer(name)]
+    spans = [match.span() for match in DIGITS.finditer(name)]
 
     def has_decimals(place: int) -> bool:
         after = columns[place + 1] if place + 1 < len(columns) else ()
@@ -179,7 +177,7 @@ def _with_decimals(
             return between == "."
         if all(map(_SECONDS.fullmatch, columns[place])):
             return between in {*("._-" if digits == 9 else "." if digits < 9 else "")}
-        return between == "." and digits in _CLOCK_DIGITS and _is_clock(columns[place], after)
+        return between == "." and digits in _CLOCKDIGITS and _is_clock(columns[place], after)
 
     def with_decimals(place: int) -> list[str]:
         is_ms = _MILLISECONDS.fullmatch(columns[place][0])
@@ -207,7 +205,7 @@ def _numbers_of(columns: Sequence[Sequence[str]]) -> list[int] | None:
         return None
     index, *others = sorted(columns, key=lambda column: max(map(len, column)))
     numbers = list(map(int, index))
-    least = max(_STAMP_DIGITS, max(map(len, index)) + _FEWER_DIGITS)
+    least = max(_STAMPDIGITS, max(map(len, index)) + _FEWERDIGITS)
     if others and len(set(numbers)) < len(numbers):
         return None
     if any(len(digits) < least for column in others for digits in column):
@@ -227,7 +225,7 @@ def _expected_pattern(folder: str, name: str, varying: Mapping[int, Sequence[str
     frame = next((place for place, column in columns if [*column] == sorted(set(column))), None)
     if frame is None:
         return "files renamed by frame (000001.png), as none of these numbers counts through all names"
-    matches = list(_DIGITS.finditer(os.path.splitext(name)[0]))
+    matches = list(DIGITS.finditer(os.path.splitext(name)[0]))
     for place in reversed(list(varying)):
         field = "%d" if place == frame else "*"
         name = name[: matches[place].start()] + field + name[matches[place].end() :]
@@ -302,6 +300,15 @@ _NUMBERED_VIEWS = (("im", (0, 1), 1), ("im", (2, 6), 8), ("view", (1, 5), 6))
 """Middlebury's pairs: the word, the numbers of left and right, and the greatest number beside them."""
 
 
+def folders_by_number(folders: Iterable[str]) -> dict[str, list[str]]:
+    """Folders that are called alike but for their only number, by the pattern of all (``frame_%d``)."""
+    return grouped(
+        (DIGITS.sub("%d", folder), folder)
+        for folder in folders
+        if len(DIGITS.findall(folder)) == 1 and "%" not in folder
+    )
+
+
 def pair_names(names: Iterable[str], *, numbered: bool) -> tuple[tuple[str, str], ...]:
     """Return every way to find two sides in names (of files, or paths of folders), most pairs first: (left, right).
 
@@ -314,7 +321,7 @@ def pair_names(names: Iterable[str], *, numbered: bool) -> tuple[tuple[str, str]
             for match in pattern.finditer(name):
                 before, after = name[: match.start(group)], name[match.end(group) :]
                 if numbered:
-                    before, after = (_DIGITS.sub("*", glob.escape(part)) for part in (before, after))
+                    before, after = (DIGITS.sub("*", glob.escape(part)) for part in (before, after))
                 if way == "camera" and numbered and "*" not in before + after:
                     continue  # image_1, image_2 ...: a sequence, not a pair of cameras
                 ways[way, before, after][match[group]].add(name)
@@ -355,113 +362,3 @@ def _opposite(way: str, side: str, sides: Mapping[str, set[str]]) -> str:
     if opposite in sides:
         return opposite
     return next((other for other in sides if other.lower() == opposite.lower()), opposite)  # stereoLeft, stereoright
-
-
-def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
-    """The unit of numbers that are times since 1970: today's have 10 digits in s, 13 in ms, 16 in us, 19 in ns.
-
-    Ten digits are seconds if they are few apart: a camera's microseconds since it was started may have as many.
-    """
-    units: dict[int, StampUnit] = {10: "s", 13: "ms", 16: "us", 19: "ns"}
-    ascending = sorted(numbers)
-    lengths = {len(str(number)) for number in ascending}
-    unit = units.get(lengths.pop()) if len(lengths) == 1 else None
-    if unit == "s" and not (ascending[-1] < _END_OF_SECONDS and _median_step(ascending) < _FEWEST_TICKS):
-        return None
-    return unit
-
-
-def times_beside(files: Mapping[int, Path]) -> dict[int, int] | None:
-    """The times since 1970 in ns that stand beside the numbers of frames in their names; None if there are none.
-
-    ``frame_000001_1718000000123.png``: one run of digits that ascends with the frames, and has a unit.
-    """
-    first = next(iter(files.values())).stem
-    if len(files) < 2 or max(map(len, _DIGITS.findall(first)), default=0) < _SHORTEST_STAMP:
-        return None
-    rows = [[int(digits) for digits in _DIGITS.findall(path.stem)] for path in files.values()]
-    if len({*map(len, rows)}) != 1:
-        return None
-    columns = [list(column) for column in zip(*rows, strict=True)]
-    stamps = [
-        (column, unit)
-        for column in columns
-        if (unit := stamp_unit(column)) and all(before < after for before, after in pairwise(column))
-    ]
-    if len(stamps) != 1 or stamps[0][0] == list(files):
-        return None
-    ((column, unit),) = stamps
-    return {number: stamp * TICKS_NS[unit] for number, stamp in zip(files, column, strict=True)}
-
-
-_SHORTEST_STAMP = 10
-_END_OF_SECONDS = 2**31
-"""Seconds since 1970 are less until 2038."""
-_FEWEST_TICKS = 1000
-"""Least step of numbers that count no frames: a second in ms."""
-UNTIMED_HZ = 1 / FRAME_S
-"""Numbers of frames in a second where neither files nor the manifest say it."""
-
-
-def number_time_ns(number: int, rate_hz: float | None) -> int:
-    """The time of an image without one: its number over the numbers of a second, :data:`UNTIMED_HZ` if not known."""
-    return round(number * 1e9 / (rate_hz or UNTIMED_HZ))
-
-
-def _median_step(numbers: Sequence[int]) -> float:
-    """The median step of ascending numbers without repetitions; 0 of a single one."""
-    distinct = np.array(sorted(set(numbers)), dtype=np.float64)
-    return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
-
-
-def untimed_note(frames: Sequence[int]) -> tuple[str, ...]:
-    """A note on several frames without times and a rate, ascending: what their times are, or that the numbers are."""
-    if len(frames) < 2:
-        return ()
-    step = _median_step(frames)
-    if step < _FEWEST_TICKS:
-        return (
-            f"frames without times count as {UNTIMED_HZ:g} numbers a second, as in a film: say rate_hz in [source] if "
-            "they are not (the posterior and the logit depend on it)",
-        )
-    return (
-        f"the frames have no times, and their numbers are {step:g} apart (median): if the numbers are times, say "
-        'stamps = "ns" (or "us", "ms") in [source]',
-    )
-
-
-def join_times(left: Sequence[int], right: Sequence[int], tolerance: int) -> list[tuple[int, int]]:
-    """Pair the places of two ascending sequences of times, each used once, at most ``tolerance`` apart.
-
-    A time stays without a pair if its neighbour fits the other side better.
-    """
-    pairs: list[tuple[int, int]] = []
-    i = j = 0
-    while i < len(left) and j < len(right):
-        apart = abs(left[i] - right[j])
-        if j + 1 < len(right) and abs(left[i] - right[j + 1]) < apart:
-            j += 1
-        elif i + 1 < len(left) and abs(left[i + 1] - right[j]) < apart:
-            i += 1
-        else:
-            if apart <= tolerance:
-                pairs.append((i, j))
-            i, j = i + 1, j + 1
-    return pairs
-
-
-def join_nearest(left: Sequence[int], right: Sequence[int]) -> list[tuple[int, int]]:
-    """Pair the places of two ascending sequences of times, at most half a step of the left ones apart."""
-    return join_times(left, right, int(np.median(np.diff(left))) // 2 if len(left) > 1 else 0)
-
-
-def rate_of(times_ns: Iterable[int]) -> float | None:
-    """Frames per second from the median step of ascending times, to 0.001 Hz; None for a single frame."""
-    steps = np.diff(np.fromiter(times_ns, np.int64))
-    return round(1e9 / float(np.median(steps)), 3) if steps.size else None
-
-
-def nearest_apart(left: Sequence[int], right: Sequence[int]) -> float:
-    """How far the first times are from the nearest one of the other side: the median."""
-    others = np.array(right, dtype=np.int64)
-    return float(np.median([np.abs(others - time).min() for time in left[:100]]))

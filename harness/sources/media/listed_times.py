@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.files.dialects import check_width, plain_name, table_rows
 from harness.files.io import read_text
-from harness.sources.media.frame_files import TICKS_NS, StampUnit
+from harness.sources.media.frame_times import TICKS_NS, StampUnit
 from vfoa.errors import VfoaError, listed, reported_as
 
 _FILES = re.compile(r"(?:(?:(?:frame|image|left|rgb|colou?r)_)?timestamps|times)\.(?:txt|csv)", re.IGNORECASE)

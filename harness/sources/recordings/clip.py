@@ -16,7 +16,7 @@ from harness.files.digests import digest_files
 from harness.files.io import check_fetched
 from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration import check_first_size, first_size
-from harness.sources.media.frame_files import rate_of
+from harness.sources.media.frame_times import rate_of
 from harness.sources.media.maps import MILLIMETRES
 from harness.sources.recordings import realsense, zed
 from harness.sources.recordings.bags import BagContainer, bag_parts, data_files

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.sources.media.frame_files import join_nearest, join_times, nearest_apart
+from harness.sources.media.frame_times import join_nearest, join_times, nearest_apart
 from harness.sources.recordings.settings import RecordingSettings
 from harness.sources.recordings.streams import Sides, Streams
 from harness.sources.recordings.topics import Place, Topic

@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.sources.media.frame_files import join_times
+from harness.sources.media.frame_times import join_times
 
 STAMPS = st.lists(st.integers(0, 1000), max_size=30).map(sorted)
 

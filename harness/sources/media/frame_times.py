@@ -1,0 +1,121 @@
+"""The times of frames: numbers that are times, times beside the numbers of frames, joined times, rates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from harness.files.ascending import usual_step
+from harness.sources.media.frame_files import DIGITS
+from vfoa.times import FRAME_S
+
+StampUnit = Literal["s", "ms", "us", "ns"]
+TICKS_NS: dict[StampUnit, int] = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+
+
+def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
+    """The unit of numbers that are times since 1970: today's have 10 digits in s, 13 in ms, 16 in us, 19 in ns.
+
+    Ten digits are seconds if they are few apart: a camera's microseconds since it was started may have as many.
+    """
+    units: dict[int, StampUnit] = {10: "s", 13: "ms", 16: "us", 19: "ns"}
+    ascending = sorted(set(numbers))
+    lengths = {len(str(number)) for number in ascending}
+    unit = units.get(lengths.pop()) if len(lengths) == 1 else None
+    if unit == "s" and not (ascending[-1] < _END_OF_SECONDS and usual_step(ascending) < _FEWEST_TICKS):
+        return None
+    return unit
+
+
+def times_beside(files: Mapping[int, Path]) -> dict[int, int] | None:
+    """The times since 1970 in ns that stand beside the numbers of frames in their names; None if there are none.
+
+    ``frame_000001_1718000000123.png``: one run of digits that ascends with the frames, and has a unit.
+    """
+    first = next(iter(files.values())).stem
+    if len(files) < 2 or max(map(len, DIGITS.findall(first)), default=0) < _SHORTEST_STAMP:
+        return None
+    rows = [[int(digits) for digits in DIGITS.findall(path.stem)] for path in files.values()]
+    if len({*map(len, rows)}) != 1:
+        return None
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    stamps = [
+        (column, unit)
+        for column in columns
+        if (unit := stamp_unit(column)) and all(before < after for before, after in pairwise(column))
+    ]
+    if len(stamps) != 1 or stamps[0][0] == list(files):
+        return None
+    ((column, unit),) = stamps
+    return {number: stamp * TICKS_NS[unit] for number, stamp in zip(files, column, strict=True)}
+
+
+_SHORTEST_STAMP = 10
+_END_OF_SECONDS = 2**31
+"""Seconds since 1970 are less until 2038."""
+_FEWEST_TICKS = 1000
+"""Least step of numbers that count no frames: a second in ms."""
+UNTIMED_HZ = 1 / FRAME_S
+"""Numbers of frames in a second where neither files nor the manifest say it."""
+
+
+def number_time_ns(number: int, rate_hz: float | None) -> int:
+    """The time of an image without one: its number over the numbers of a second, :data:`UNTIMED_HZ` if not known."""
+    return round(number * 1e9 / (rate_hz or UNTIMED_HZ))
+
+
+def untimed_note(frames: Sequence[int]) -> tuple[str, ...]:
+    """A note on several frames without times and a rate, ascending: what their times are, or that the numbers are."""
+    if len(frames) < 2:
+        return ()
+    step = usual_step(frames)
+    if step < _FEWEST_TICKS:
+        return (
+            f"frames without times count as {UNTIMED_HZ:g} numbers a second, as in a film: say rate_hz in [source] if "
+            "they are not (the posterior and the logit depend on it)",
+        )
+    return (
+        f"the frames have no times, and their numbers are {step:g} apart (median): if the numbers are times, say "
+        'stamps = "ns" (or "us", "ms") in [source]',
+    )
+
+
+def join_times(left: Sequence[int], right: Sequence[int], tolerance: int) -> list[tuple[int, int]]:
+    """Pair the places of two ascending sequences of times, each used once, at most ``tolerance`` apart.
+
+    A time stays without a pair if its neighbour fits the other side better.
+    """
+    pairs: list[tuple[int, int]] = []
+    i = j = 0
+    while i < len(left) and j < len(right):
+        apart = abs(left[i] - right[j])
+        if j + 1 < len(right) and abs(left[i] - right[j + 1]) < apart:
+            j += 1
+        elif i + 1 < len(left) and abs(left[i + 1] - right[j]) < apart:
+            i += 1
+        else:
+            if apart <= tolerance:
+                pairs.append((i, j))
+            i, j = i + 1, j + 1
+    return pairs
+
+
+def join_nearest(left: Sequence[int], right: Sequence[int]) -> list[tuple[int, int]]:
+    """Pair the places of two ascending sequences of times, at most half a step of the left ones apart."""
+    return join_times(left, right, int(np.median(np.diff(left))) // 2 if len(left) > 1 else 0)
+
+
+def rate_of(times_ns: Iterable[int]) -> float | None:
+    """Frames per second from the median step of ascending times, to 0.001 Hz; None for a single frame."""
+    steps = np.diff(np.fromiter(times_ns, np.int64))
+    return round(1e9 / float(np.median(steps)), 3) if steps.size else None
+
+
+def nearest_apart(left: Sequence[int], right: Sequence[int]) -> float:
+    """How far the first times are from the nearest one of the other side: the median."""
+    others = np.array(right, dtype=np.int64)
+    return float(np.median([np.abs(others - time).min() for time in left[:100]]))
