@@ -204,7 +204,7 @@ def say_relabelled(run: Path, clip: str | None = None) -> None:
     directory = RunDirectory(run)
     if run.is_file() or not directory.read_manifest().finished:
         return
-    if clips := [name for name in FinishedRun.read(directory).relabelled() if clip in (None, name)]:
+    if clips := FinishedRun.read(directory).relabelled(clip):
         say(
             f"vfoa: {listed(clips)}: labels have changed since the run was scored, and recordings show those of then; "
             f"`{vfoa_command('score', run)}` updates them",

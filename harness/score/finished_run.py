@@ -198,13 +198,15 @@ class FinishedRun:
             if is_relabelled and compare_content:
                 yield from _content_notes(clip, manifest, self.directory.noted_inputs)
 
-    def relabelled(self) -> list[str]:
+    def relabelled(self, only: str | None = None) -> list[str]:
         """The clips whose labels have changed since the tables and the verdicts of the recordings were written.
 
-        A clip that is not on this machine is none of them.
+        A clip that is not on this machine is none of them. ``only`` this clip is looked at, if it is given.
         """
         annotator, written, found = self.manifest.scored_annotator, self.manifest.labels_sha256, list[str]()
         for clip in self.manifest.clips:
+            if only not in (None, clip.name):
+                continue
             with suppress(VfoaError):
                 now = manifest_of_run(clip.manifest, clip.name, annotator).annotations.digest(annotator)
                 if now not in (None, written.get(clip.name)):
