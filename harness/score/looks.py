@@ -82,13 +82,15 @@ def joined(lengths: Float, least: float) -> Codes:
 def seconds_from_change(labels: Sequence[Label | None], seconds: Sequence[float]) -> list[float]:
     """Seconds from each frame to the nearest change between two labels of other targets; infinity without a change.
 
-    A change is in the middle between two frames. Where labels begin or end, and beside ``ignore``, nobody says that
-    there is one.
+    A change is in the middle between two frames that are judged. Where labels begin or end, and at a gap between judged
+    frames (:func:`gaps`), such as one of ``ignore``, nobody says that there is one.
     """
+    judged = [(place, label.target) for place, label in enumerate(labels) if label and label.target != IGNORED]
+    is_gap = gaps(np.array([place for place, _ in judged], dtype=np.intp))
     changes = [
-        (before_s + after_s) / 2
-        for (before, before_s), (after, after_s) in pairwise(zip(labels, seconds, strict=True))
-        if before and after and IGNORED not in (before.target, after.target) and before.target != after.target
+        (seconds[place_before] + seconds[place_after]) / 2
+        for ((place_before, before), (place_after, after)), is_apart in zip(pairwise(judged), is_gap, strict=True)
+        if before != after and not is_apart
     ]
     if not changes:
         return [math.inf] * len(seconds)

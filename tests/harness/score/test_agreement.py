@@ -119,6 +119,13 @@ def test_frames_near_a_change_by_either_can_be_left_out() -> None:
         compare_annotators(labels, range(1, 21), None, 0.16)
 
 
+def test_labels_of_every_other_frame_change_as_those_of_all_frames() -> None:
+    labels = {"anna": _labels(girl="ci" * 5 + "bi" * 5), "ben": _labels(girl="ci" * 6 + "bi" * 4)}
+    every, away = (compare_annotators(labels, range(1, 21), 10.0, away_s)[0] for away_s in (0.0, 0.16))
+    assert (every.n, every.agreed) == (10, 9)
+    assert (away.n, away.agreed, away.skipped) == (7, 7, 13)
+
+
 def test_the_time_from_a_change_is_that_of_the_frames() -> None:
     """The label changes during a pause of 1 s, half a second from both of its ends."""
     labels = {name: _labels(girl="bbbbbccccc") for name in ("anna", "ben")}

@@ -137,6 +137,21 @@ def test_frames_near_a_change_of_the_label_are_left_out(tmp_path: Path, conditio
     assert [verdict.frame for verdict in scores.verdicts if verdict.outcome != "unscored"] == frames
 
 
+@pytest.mark.parametrize(
+    ("condition", "frames"),
+    [("from_change>0.07", [1, 7, 13]), ("from_change<0.07", [3, 5, 9, 11])],
+)
+def test_labels_that_are_sparser_than_the_frames_change_as_well(
+    tmp_path: Path, condition: str, frames: list[int]
+) -> None:
+    """Every other frame of 0.04 s is labelled: the label changes at 0.12 s and at 0.36 s after the first frame."""
+    targets = [name for target in ("cup",) * 2 + ("book",) * 3 + ("none",) * 2 for name in (target, "ignore")]
+    clips = [write_clip(tmp_path, "a", targets)]
+    of_clip = write_run(tmp_path / "run", answers(["cup"] * 14, clip="a"), clips=clips)
+    scores = read_scores(of_clip, [Condition.parse(condition)])
+    assert [verdict.frame for verdict in scores.verdicts if verdict.outcome != "unscored"] == frames
+
+
 def test_a_bar_in_a_name_is_written_with_a_backslash(tmp_path: Path) -> None:
     """Without one, it separates names; blanks around it belong to none."""
     clips = [write_clip(tmp_path, "a", ("cup|lid", "cup", "lid", "none"))]
