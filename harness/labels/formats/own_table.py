@@ -3,9 +3,10 @@
 Its columns are found by their names (:data:`COLUMNS`), in any order, case and dialect of CSV
 (:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, or for a
 ``duration``, in seconds, milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in
-one frame, which is that of the number ``frame``, or nearest to ``time_s``, ``time_ms``, ``time_us`` or ``time_ns``; of
-several such rows, a frame takes the nearest. Nanoseconds are of the clip's own clock, if no offset is given. If asked
-for (:attr:`Exchange.until_next`), a row holds from its time or frame until the next row of its subject.
+one frame, which is that of the number ``frame``, or in the name of an ``image``, or nearest to ``time_s``, ``time_ms``,
+``time_us`` or ``time_ns``; of several such rows, a frame takes the nearest. Nanoseconds are of the clip's own clock, if
+no offset is given. If asked for (:attr:`Exchange.until_next`), a row holds from its time or frame until the next row of
+its subject.
 
 In place of ``subject`` and ``target`` there may be a column named after each subject, with the subject's targets; in
 place of ``target``, a column named after each target, with 1 where it is looked at and else 0. What eye trackers export
@@ -41,6 +42,7 @@ from harness.labels.formats.table_times import (
     time_ms_of,
     until_next,
     whole_of,
+    with_frames_of_images,
     without_times,
 )
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
@@ -112,6 +114,7 @@ class OwnTable(ReadOnly):
         """Read labels. Without a column of subjects they are those of the clip's only one."""
         check_no_recording(path)
         rows = _of_recording(of_eye_tracker(even_rows(path), path), exchange, path)
+        rows = with_frames_of_images(rows, _meant(rows[0][1]), path)
         return from_rows(_by_target(_by_subject(rows, exchange), exchange, path), exchange, path)
 
 
@@ -305,6 +308,7 @@ def _place(
         found = " and of ".join(" and ".join(place) for place in whole)
         onset = next((name for (name,) in _ONSETS if name in columns and not found), None)
         hint = "" if onset is None else f" (--until-next: {onset} alone, until the person's next row)"
+        expected += "; image (the names of the clip's images)" if ("frame",) in kinds else ""
         found = found or f"none of them (not known: {listed(left_out, 8) or 'none'})"
         raise VfoaError(
             f"{where}: where a row holds: found {found}; expected the columns of one kind: {expected}{hint}"

@@ -1,4 +1,4 @@
-"""When the rows of a table hold: times and numbers in its cells, units that are probably others, onsets alone."""
+"""When the rows of a table hold: times, numbers and images in its cells, units that are probably others, onsets."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import re
 import statistics
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
+from pathlib import Path, PurePath
 
-from harness.files.dialects import is_missing, number_hint
+from harness.files.dialects import Row, is_missing, number_hint, plain_name
 from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange
 from harness.labels.labels import Timeline
+from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES, number_names
 from vfoa.errors import VfoaError
 
 Cells = tuple[str, Mapping[str, str]]
@@ -97,6 +98,56 @@ def whole_of(cell: str, where: str, what: str = "the number of a frame") -> int:
 def _frame_number(cell: str) -> int | None:
     """A whole number, which pandas may have as ``12.0``."""
     return whole_number(cell.removesuffix(".0"))
+
+
+# Names of images, whose numbers are those of frames
+
+
+_OF_IMAGES = (
+    *("image", "image_name", "image_file", "image_filename", "image_path", "image_id"),
+    *("img", "img_name", "img_file", "img_path", "img_id", "frame_name", "frame_file", "frame_path"),
+)
+"""Names of columns of images, which may lack their suffix."""
+_OF_FILES = ("filename", "file_name", "file", "file_path", "filepath", "path")
+
+
+def with_frames_of_images(rows: Sequence[Row], meant: Sequence[str | None], path: Path) -> Sequence[Row]:
+    """A header and rows with a column ``frame``, of those with the names of images in it, or in place of it.
+
+    ``meant`` is what each column is known as. Names of images do not count beside other columns of frames or times.
+
+    Raises
+    ------
+    VfoaError
+        If the names do not differ in one number.
+    """
+    (line, header), *lines = rows
+    if "frame" in meant:
+        place, is_short = meant.index("frame"), False
+    elif any(name and name.endswith((*_TIMES, "_frame")) for name in meant):
+        return rows
+    else:
+        places = [at for at, name in enumerate(header) if plain_name(name) in (*_OF_IMAGES, *_OF_FILES)]
+        if len(places) != 1:
+            return rows
+        place, is_short = places[0], plain_name(header[places[0]]) in _OF_IMAGES
+    names = {cells[place] for _, cells in lines if not is_missing(cells[place])}
+    if all(_frame_number(name) is not None for name in names):
+        numbers = {name: name for name in names}
+    elif all(_is_image(name, is_short=is_short) for name in names):
+        numbers = {name: str(number) for number, name in number_names(names, f"{path}: {header[place]}").items()}
+    else:
+        return rows
+    return [
+        (line, [*header[:place], "frame", *header[place + 1 :]]),
+        *((at, [*cells[:place], numbers.get(cells[place], ""), *cells[place + 1 :]]) for at, cells in lines),
+    ]
+
+
+def _is_image(name: str, *, is_short: bool) -> bool:
+    """Whether it is the name of an image with a number; ``is_short``: the suffix may be missing."""
+    plain = PurePath(name)
+    return bool(DIGITS.search(plain.stem)) and plain.suffix.lower() in (*IMAGE_SUFFIXES, *([""] if is_short else []))
 
 
 # Frames with times beside them, which scripts save

@@ -1,0 +1,67 @@
+"""Labels in tables of one's own whose rows have the name of an image in place of a frame number."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from harness.labels.formats.own_table import OwnTable
+from harness.labels.labels import Labels
+from tests.disk import write_text
+from tests.exchanges import PlainClip, exchange, row
+from vfoa.errors import VfoaError
+
+FIVE = PlainClip(frames=range(1, 6), rate_hz=10.0)
+LOOKS = ("bird", "bird", "none", "none", "none")
+EXPECTED = Labels([row(1, 2, "bird"), row(3, 5, "none"), row(2, 2, "girl", "boy")])
+
+
+def _read(folder: Path, text: str, clip: PlainClip = FIVE, **more: object) -> Labels:
+    return OwnTable().read(write_text(folder / "mine.csv", text), exchange(clip, **more)).labels
+
+
+@pytest.mark.parametrize(
+    ("column", "name"),
+    [
+        ("image", "{n:06d}.png"),
+        ("image_name", "frame_{n}.jpg"),
+        ("filename", "/data/2024/p03/left/frame_{n:04d}_left.png"),
+        ("Image Path", "C:\\data\\p03\\frame_{n:04d}.png"),
+        ("image_id", "{n}"),
+        ("frame", "frame_{n:06d}.png"),
+        ("frame_name", "frame_{n:06d}"),
+    ],
+)
+def test_the_number_in_an_image_s_name_is_its_frame(tmp_path: Path, column: str, name: str) -> None:
+    rows = [f"{name.format(n=n)},girl,{look}" for n, look in enumerate(LOOKS, start=1)]
+    text = "\n".join([f"{column},person,label", *rows, f"{name.format(n=2)},boy,girl"])
+    assert _read(tmp_path, text) == EXPECTED
+
+
+def test_images_named_by_time_stamps_are_the_frames_of_these_numbers(tmp_path: Path) -> None:
+    first = 1_718_000_000_900_000
+    clip = PlainClip(frames=[first, first + 100_000, first + 200_000])
+    text = "image,person,label\n1718000000.900000.png,girl,bird\n1718000001.000000.png,girl,bird\n"
+    assert _read(tmp_path, text, clip) == Labels([row(first, first + 100_000, "bird")])
+
+
+@pytest.mark.parametrize("columns", ["filename,first_frame,last_frame", "filename,start_ms,end_ms"])
+def test_the_name_of_a_film_beside_frames_or_times_is_none_of_an_image(tmp_path: Path, columns: str) -> None:
+    ends = "1,2" if "frame" in columns else "0,200"
+    assert _read(tmp_path, f"{columns},person,label\ntalk_3.mp4,{ends},girl,bird\n") == Labels([row(1, 2, "bird")])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("image,person,label\n0001.png,girl,bird\n0009.png,girl,bird\n", "frame 9 is outside the clip"),
+        ("image,person,label\np1/0001.png,girl,bird\np2/0003.png,girl,bird\n", "2 numbers differ"),
+        ("filename,person,label\ntalk.mp4,girl,bird\n", "where a row holds"),
+        ("image,filename,person,label\n1.png,1.txt,girl,bird\n", "where a row holds"),
+    ],
+)
+def test_images_that_are_no_frames_are_refused(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(VfoaError, match=re.escape(said)):
+        _read(tmp_path, text)
