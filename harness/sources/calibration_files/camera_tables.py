@@ -70,9 +70,13 @@ def with_camera_table(document: Document, size_px: tuple[int, int] | None = None
 def with_matrices(document: Document) -> dict[str, Any]:
     """The values of :func:`lifted`, with K and D in each table of a camera, beside its other values.
 
-    A camera whose lens is not one of OpenCV's stays as it is.
+    The values of a document with a single camera are in one table. A camera whose lens is not one of OpenCV's stays as
+    it is.
     """
-    return {name: _as_matrices(value) if is_camera(value) else value for name, value in lifted(document).items()}
+    top = with_camera_table(document) if len(realsense_cameras(document)) == 1 else document
+    if is_camera(top):
+        return dict(_as_matrices(top))
+    return {name: _as_matrices(value) if is_camera(value) else value for name, value in lifted(top).items()}
 
 
 def _as_matrices(table: Document) -> Document:

@@ -188,8 +188,9 @@ def _lacking(
     """The error of a document without all matrices of a pair: which it has, which are ``unset``, what is expected."""
     if not matrices and (single := [name for name in document if is_of_one_camera(name)]):
         return IncompleteCalibrationError(
-            f"{where}: found {listed(single, 4)} and no matrices of a pair; expected, of one with rectified images, "
-            "four numbers, --fx --cx --cy and --baseline in metres; of another, K1 D1 K2 D2 with R T or R1 R2 P1 P2"
+            f"{where}: found {listed(single, 4)} and no matrices of a pair; expected, of one with rectified images, a "
+            "baseline and no distortion beside it, or four numbers, --fx --cx --cy and --baseline in metres; of "
+            "another, K1 D1 K2 D2 with R T or R1 R2 P1 P2"
         )
     there, expected = ", ".join(sorted(matrices)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
     if others := [name for name in document if role_of(name) is None]:
@@ -260,6 +261,21 @@ def rectifies(document: Document) -> bool:
     """Whether a document has K and D of both cameras, and how they stand or how images are rectified."""
     roles = {role_of(name) for name, _ in one_level(document)}
     return any(roles >= {*_LENSES, *names} for names in _WAYS)
+
+
+def with_equal_cameras(document: Document, where: str, *, rectified: bool) -> Document:
+    """The values of a document with one camera beside a baseline, its matrix as that of both; others as they are.
+
+    Such a camera is that of rectified images: with the distortion of a lens it is none, unless they are ``rectified``.
+    """
+    alone = {role: [name for name in document if role_alone(name) == role] for role in "KD"}
+    has_baseline = any(_BASELINE.fullmatch(bare_name(name)) for name in document)
+    if len(alone["K"]) != 1 or not has_baseline or any(map(role_of, document)):
+        return document
+    if not rectified and any(numbers(document[name], f"{where}: {name}").any() for name in alone["D"]):
+        return document
+    rest = {name: value for name, value in document.items() if role_alone(name) not in ("K", "D")}
+    return {**rest, **dict.fromkeys(("K1", "K2"), document[alone["K"][0]])}
 
 
 def is_pair(document: Document) -> bool:

@@ -25,7 +25,7 @@ from harness.sources.calibration_files import (
     texts,
     vins,
 )
-from harness.sources.calibration_files.camera_tables import realsense_cameras, with_matrices
+from harness.sources.calibration_files.camera_tables import is_camera, realsense_cameras, with_matrices
 from harness.sources.calibration_files.documents import METRES, SUFFIXES, Unit
 from harness.sources.calibration_files.python_files import FOREIGN_SUFFIXES, head_of, refuse_foreign_calibration
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
@@ -129,6 +129,8 @@ def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Came
         return "ROS", ros_text.read_ros_text(str(path), text, options.baseline_m)
     if texts.is_middlebury(text):
         return "Middlebury", texts.read_middlebury(path, text)
+    if named := texts.named_numbers(text):
+        return "OpenCV", _opencv_cameras(named, size, str(path), options)
     if texts.is_matrix(text):
         return "a matrix", texts.read_matrix(path, text, options.baseline_m)
     return "KITTI", texts.read_kitti(path, text, options.calibration_cameras or (2, 3))
@@ -168,24 +170,28 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
                 "cx_px, cy_px, baseline_m in [source.camera]), which this file does not hold"
             )
         return "DepthAI", depthai.depthai_pair(merged, size, where)
-    named = realsense_cameras(merged)
-    merged = with_matrices(merged)
-    if named and not opencv.is_pair(merged):
+    return "OpenCV", _opencv_cameras(merged, size, where, options)
+
+
+def _opencv_cameras(document: documents.Document, size: ImageSize, where: str, options: Options) -> Cameras:
+    """The cameras of a document with OpenCV's matrices, or with cameras by the names of their numbers."""
+    named = ["fx"] if is_camera(document) else realsense_cameras(document)
+    pair = opencv.with_equal_cameras(with_matrices(document), where, rectified=options.rectified)
+    if named and not opencv.is_pair(pair):
         raise IncompleteCalibrationError(
-            f"{where}: found {listed(named, 4)} by the names of their numbers; expected, of rectified images, such as "
-            "a RealSense's infrared ones and the ZED's, a baseline beside left and right, or four numbers, --fx --cx "
-            "--cy and --baseline in metres (the length of the translation between them); of other images, K1 D1 K2 D2 "
-            "R T"
+            f"{where}: found {listed(named, 4)} and no matrices of a pair; expected, of rectified images, such as a "
+            "RealSense's infrared ones and the ZED's, a baseline and no distortion beside the numbers, or four "
+            "numbers, --fx --cx --cy and --baseline in metres (the length of the translation between them); of other "
+            "images, K1 D1 K2 D2 R T"
         )
-    cameras = opencv.opencv_pair(
-        merged,
+    return opencv.opencv_pair(
+        pair if opencv.is_pair(pair) else document,
         size,
         where,
         rectified=options.rectified,
         fisheye=options.fisheye,
         has_unit="calibration_unit" in options.model_fields_set or options.baseline_m is not None,
     )
-    return "OpenCV", cameras
 
 
 def find_calibrations(

@@ -114,6 +114,23 @@ def read_middlebury(path: Path, text: str) -> Calibration:
     return from_projections(left, right, f"{path}: cam0 and cam1", size_px=(round(width), round(height)))
 
 
+# A camera by the names of its numbers: "fx: 700", "baseline_mm = 120"
+
+_NAMED = re.compile(r"[ \t]*([A-Za-z]\w*)[ \t]*[:= \t][ \t]*([-+.\deE]+)[ \t]*[,;]?[ \t]*")
+
+
+def named_numbers(text: str) -> dict[str, float]:
+    """The numbers of a text by their names in small letters; none if it has other lines, or no focal lengths."""
+    named = dict[str, float]()
+    for line in _bare_lines(text):
+        match = _NAMED.fullmatch(line)
+        value = floats(match[2]) if match else None
+        if match is None or not value:
+            return {}
+        named[match[1].lower()] = value[0]
+    return named if named.keys() >= {"fx", "fy"} else {}
+
+
 # A bare camera matrix (K.txt): nine numbers, and the baseline in metres on a line of its own
 
 _COMMENT = re.compile(r"#.*")

@@ -98,14 +98,16 @@ def test_a_realsense_s_two_cameras_say_what_to_give(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("camera.yaml", "fx: 700.0\nfy: 700.0\ncx: 640.0\ncy: 360.0\nbaseline: 0.12\n"),
+        ("camera.yaml", "fx: 700.0\nfy: 700.0\ncx: 640.0\ncy: 360.0\n"),
+        ("camera_intrinsics.txt", "fx: 700.0\nfy: 700.0\ncx: 640.0\ncy: 360.0\n"),
+        ("camera.json", '{"fx": 700, "fy": 700, "cx": 640, "cy": 360, "k1": -0.2, "baseline": 0.12}'),
         ("zed.json", '{"left_camera": {"fx": 700.0, "cx": 640.0}, "baseline_mm": 120}'),
-        ("rig.json", '{"K": [[700, 0, 640], [0, 700, 360], [0, 0, 1]], "baseline": 0.12}'),
+        ("rig.json", '{"K": [[700, 0, 640], [0, 700, 360], [0, 0, 1]], "D": [-0.2, 0, 0, 0], "baseline": 0.12}'),
         ("intrinsics.yaml", "camera_matrix: [700, 0, 640, 0, 700, 360, 0, 0, 1]\ndist_coeffs: [0.1, 0, 0, 0]\n"),
     ],
 )
 def test_the_numbers_of_one_camera_are_named_with_the_options_for_them(name: str, content: str, tmp_path: Path) -> None:
-    """As people's scripts write them for depth from rectified images; the file alone does not say that they are."""
+    """Without a baseline, or with the distortion of a lens, the file does not say that the images are rectified."""
     path = write_text(tmp_path / name, content)
     with pytest.raises(VfoaError, match=rf"{name}: found .* and no matrices of a pair.*--fx --cx --cy and --baseline"):
         read_cameras([path], size_px)
