@@ -9,7 +9,7 @@ lasts.
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Literal
@@ -55,6 +55,20 @@ class LabelledSequence:
     def gaps_s(self) -> list[float]:
         """Time from each frame to the next, seconds; 0 after the last one."""
         return [*(max(after - before, 0.0) for before, after in pairwise(self.times_s)), 0.0]
+
+    @cached_property
+    def label_s(self) -> Float:
+        """The time (n,) that a label of each frame stands for, seconds.
+
+        It is the time to the next frame; of labels that are sparser, to the next label, but at most the usual one.
+        """
+        seconds = np.array(self.gaps_s[: len(self.times_s)])
+        labelled = [place for place, target in enumerate(self.targets) if target != UNKNOWN]
+        if len(labelled) > 1:
+            to_next_s = np.diff([*(self.times_s[place] for place in labelled), self.times_s[-1]])
+            usual_s = np.minimum(to_next_s, np.median(to_next_s[:-1]))
+            seconds[labelled] = np.maximum(seconds[labelled], usual_s)
+        return seconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,16 +120,21 @@ def design_of(case: Case, later: bool, sequence: LabelledSequence) -> Design:
     """Return the features of the frames that have the directions of a case; with ``later`` also of later frames."""
     frames = zip(sequence.times_s, sequence.alone.get(case, sequence.seen), sequence.targets, strict=True)
     known = [(at_s, seen, target) for at_s, seen, target in frames if seen is not None and seen.case == case]
-    gaps_s = [*(max(after[0] - before[0], 0.0) for before, after in pairwise(known)), 0.0]
-    after = later_means([seen for _, seen, _ in known], gaps_s[:-1]) if later and known else [None] * len(known)
-    rows = [features(seen, case, mean) for (_, seen, _), mean in zip(known, after, strict=True)]
+    of_case = replace(
+        sequence,
+        times_s=[at_s for at_s, _, _ in known],
+        seen=[seen for _, seen, _ in known],
+        targets=[target for _, _, target in known],
+    )
+    after = later_means(of_case.seen, of_case.gaps_s[:-1]) if later and known else [None] * len(known)
+    rows = [features(seen, case, mean) for seen, mean in zip(of_case.seen, after, strict=True)]
     looked = [
         -1 if target is None else seen.ids.index(target) if target in seen.ids else UNKNOWN for _, seen, target in known
     ]
     padded = np.full((len(rows), max(map(len, rows), default=0), 2 + len(ROWS[case]) * (3 if later else 2)), np.nan)
     for place, row in zip(padded, rows, strict=True):
         place[: len(row)] = row
-    weight = sequence.weight * np.minimum(np.array(gaps_s[: len(rows)]) / INDEPENDENT_S, 1.0)
+    weight = sequence.weight * np.minimum(of_case.label_s / INDEPENDENT_S, 1.0)
     return Design(features=padded, looked=np.array(looked, dtype=np.intp), weight=weight)
 
 

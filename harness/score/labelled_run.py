@@ -69,13 +69,18 @@ class LabelledPerson:
 
     def first(self, seconds: float) -> LabelledPerson:
         """Return the person with the first labelled seconds alone."""
-        end = np.cumsum([min(self.sequence.gaps_s[k], 1.0) for k in self.labelled])
+        end = np.cumsum(self._seconds)
         return self.only([k for k, until in zip(self.labelled, end, strict=True) if until <= seconds + 1e-9])
 
     @property
     def labelled_s(self) -> float:
         """Labelled time, seconds."""
-        return float(sum(min(self.sequence.gaps_s[k], 1.0) for k in self.labelled))
+        return float(self._seconds.sum())
+
+    @property
+    def _seconds(self) -> Float:
+        """The time that each label stands for (labelled,), seconds."""
+        return np.minimum(self.sequence.label_s[self.labelled], 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,7 +24,7 @@ from vfoa.logit import (
     weigh_attentions,
 )
 from vfoa.logit_cues import LOGIT_CUES, ROWS, FrameFeatures, Means, PosteriorAnswer, later_means, observe
-from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
+from vfoa.logit_fit import UNKNOWN, Design, LabelledSequence, fit, maximised
 from vfoa.types import (
     Box3D,
     Cues,
@@ -294,6 +294,32 @@ def test_frames_without_targets_say_nothing_of_the_weights() -> None:
     assert fit([sequence([without] * 3)]) == default_weights()
     fitted, expected = fit([sequence([without] * 9 + [with_targets] * 3)]), fit([sequence([with_targets] * 3)])
     assert fitted.forward.both.vector == pytest.approx(expected.forward.both.vector)
+
+
+def test_a_label_stands_for_the_time_to_the_next_one() -> None:
+    """Labels of every fifth frame weigh as much as those of a clip that has no other frames; a pause weighs nothing."""
+    subjects = [
+        looking(LEFT + aside, LEFT + aside) for aside in np.random.default_rng(1).normal(size=(100, 3), scale=0.4)
+    ]
+    seen: list[FrameFeatures] = []
+    means = Means()
+    for subject in subjects:
+        found, means = observe(subject, TARGETS, {}, means, 0.1, by_posterior())
+        seen.append(found)
+    targets = [2 if k % 20 else None for k in range(100)]
+    times_s = np.arange(100) * 0.1 + 30 * (np.arange(100) >= 50)
+    sparse = LabelledSequence(
+        group="a",
+        times_s=times_s,
+        seen=seen,
+        targets=[target if k % 5 == 0 else UNKNOWN for k, target in enumerate(targets)],
+    )
+    alone = LabelledSequence(
+        group="a", times_s=[*np.arange(0, 10, 0.5), 9.9], seen=[*seen[::5], seen[-1]], targets=[*targets[::5], UNKNOWN]
+    )
+    assert sparse.label_s[::5] == pytest.approx([0.5] * 19 + [0.4])
+    fitted, expected = (fit([each], ["forward"]).forward.both.vector for each in (sparse, alone))
+    assert fitted == pytest.approx(expected)
 
 
 def test_weights_survive_their_vector() -> None:

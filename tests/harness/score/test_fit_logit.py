@@ -39,7 +39,7 @@ from harness.score.labelled_run import (
     read_labelled,
 )
 from tests.command import vfoa
-from tests.disk import write_text
+from tests.disk import labels_text, write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
 from tests.records import tables_of, write_manifest
 from tests.repository import REPOSITORY
@@ -229,6 +229,28 @@ def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, mon
     (first,) = folds_of(labelled, 20.0)
     assert sum(person.labelled_s for person in first.train) == pytest.approx(2 * 20, abs=0.1)
     assert not set(first.train[0].labelled) & set(first.test[0].labelled)
+
+
+def test_labels_of_every_fifth_frame_are_as_many_seconds_as_those_of_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one",), 40)
+    directory = _plain_run(tmp_path)
+    dense = read_labelled(directory)
+    path = tmp_path / "annotations" / "one.csv"
+    rows = {name: [name] * 20 + ["robot"] * 20 for name in ("ben", "anna")}
+    sparse_rows = [
+        f"{frame},{frame},{subject},{target if frame % 5 == 1 else 'ignore'},"
+        for subject, of_subject in (("anna", rows["ben"]), ("ben", rows["anna"]))
+        for frame, target in enumerate(of_subject, start=1)
+    ]
+    write_text(path, labels_text(*sparse_rows))
+    sparse = read_labelled(directory)
+    assert [len(person.labelled) for person in sparse.people] == [8, 8]
+    assert [person.labelled_s for person in sparse.people] == pytest.approx([7.8] * 2)
+    assert [person.labelled_s for person in dense.people] == pytest.approx([7.8] * 2)
+    assert [len(person.first(4.0).labelled) for person in sparse.people] == [4, 4]
 
 
 @pytest.mark.parametrize(("frames", "blocks"), [(50, 2), (49, 0)])
