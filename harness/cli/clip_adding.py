@@ -266,7 +266,8 @@ def _next_steps(clips: Sequence[Added]) -> Iterator[str]:
         yield "next: the same command with names: people from left to right, objects by the segmenter's category"
         yield f"      {vfoa_command(*sys.argv[1:])} --subject anna --target mug=cup"
         return
-    objects = "" if added.targets else "objects they look at (key `t` of `vfoa annotate` adds one), "
+    adding = "key `t` of `vfoa annotate`" if added.rig else "`--name NEW --set 'objects={lamp={center_m=[X,Y,Z]}}'`"
+    objects = "" if added.targets else f"objects they look at ({adding} adds one), "
     yield f"missing for a table: {objects}labels of who looks at what"
     yield f"next: vfoa clips check {names}"
     if added.rig is None:  # there is nothing to see on the labelling page

@@ -5,6 +5,7 @@ Without any model, and from other sources: tests/test_own_recording.py.
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
@@ -12,11 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.clips.manifest import load_manifest
+from harness.sources import MeasuredClip
 from tests.annotating import served_by_the_program
 from tests.command import vfoa
 from tests.depth_recordings import Lens, Shot, write_take
 from tests.disk import picture
 from tests.harness.clips.adding import NUMBERS, images
+from tests.measured import measured_tables
 
 
 def realsense_bag(root: Path) -> Path:
@@ -62,3 +66,20 @@ def test_a_source_becomes_a_table_by_the_commands_that_adding_names(
         else:
             run(*command, *(["--recording", "none", "--workers", "1"] if command[0] == "run" else []))
     assert (Path("runs") / "mine" / "frr.csv").is_file()
+
+
+def test_measurements_without_objects_get_one_by_the_options_that_adding_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    measured_tables(tmp_path / "talk")
+    (tmp_path / "talk" / "objects.csv").unlink()
+    _, told, _ = vfoa(monkeypatch, capsys, "clips", "add", "talk")
+    (options,) = re.findall(r"`(--.*?)`", told)
+    options = options.replace("NEW", "with_lamp").replace("X,Y,Z", "0.1,0.2,1.8")
+    code, _, err = vfoa(monkeypatch, capsys, "clips", "add", "talk", *shlex.split(options))
+    assert (code, err) == (0, "")
+    clip = load_manifest("with_lamp").open()
+    assert isinstance(clip, MeasuredClip)
+    boxes = [target.box for target in clip.scene(1).targets if target.instance.label == "lamp"]
+    assert [box and box.center_m.tolist() for box in boxes] == [[0.1, 0.2, 1.8]]
