@@ -29,25 +29,24 @@ CUE_SPREADS = (1.0, 1.0, 1.0, 1.0, 0.3, 1.0)
 f of ``head_overlap`` is some three times as large as the others."""
 INDEPENDENT_S = 0.5
 """Time after which a frame says something new, seconds: about a short look."""
-UNKNOWN = -2
-"""The target of a frame without a label, and the column of a target that is not among those seen: neither is fitted."""
 _STEPS = 60
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LabelledSequence:
-    """One person's frames in one clip, in order: times in seconds, features, and the target looked at.
+    """One person's frames in one clip, in order: times in seconds, features, and what is right.
 
-    ``targets`` are instance ids, None for nowhere, :data:`UNKNOWN` without a label. ``alone`` are the features of the
-    gaze alone and of the head alone, None in frames that do not have it: without it, these cases are fitted on frames
-    that have one direction only. Sequences of one ``group`` are left out together. ``weight`` is less than 1 if others
-    repeat the same looks.
+    ``targets`` are the instance ids of each label's name, any of which is right: (None,) for nowhere, () without a
+    label, or if no such target is among those seen: it is not fitted. ``alone`` are the features of the gaze alone and
+    of the head alone, None in frames that do not have it: without it, these cases are fitted on frames that have one
+    direction only. Sequences of one ``group`` are left out together. ``weight`` is less than 1 if others repeat the
+    same looks.
     """
 
     group: Hashable
     times_s: Sequence[float]
     seen: Sequence[FrameFeatures]
-    targets: Sequence[int | None]
+    targets: Sequence[tuple[int | None, ...]]
     weight: float = 1.0
     alone: Mapping[Case, Sequence[FrameFeatures | None]] = field(default_factory=dict)
 
@@ -63,7 +62,7 @@ class LabelledSequence:
         It is the time to the next frame; of labels that are sparser, to the next label, but at most the usual one.
         """
         seconds = np.array(self.gaps_s[: len(self.times_s)])
-        labelled = [place for place, target in enumerate(self.targets) if target != UNKNOWN]
+        labelled = [place for place, right in enumerate(self.targets) if right]
         if len(labelled) > 1:
             to_next_s = np.diff([*(self.times_s[place] for place in labelled), self.times_s[-1]])
             usual_s = np.minimum(to_next_s, np.median(to_next_s[:-1]))
@@ -75,18 +74,18 @@ class LabelledSequence:
 class Design:
     """The frames of sequences for one case: features (N, T, F), NaN beyond a frame's targets.
 
-    ``looked`` (N,) is the column of the target, -1 for nowhere or :data:`UNKNOWN`; ``weight`` (N,) is how much a frame
-    counts.
+    ``right`` (N, 1 + T) says whether nowhere, and each target, is right; none is without a label. ``weight`` (N,) is
+    how much a frame counts.
     """
 
     features: Float
-    looked: np.ndarray
+    right: Flags
     weight: Float
 
     @property
     def usable(self) -> Flags:
         """Whether each frame (N,) says something of the weights: it has a label and a target."""
-        return (self.looked != UNKNOWN) & np.isfinite(self.features[..., 0]).any(axis=1)
+        return np.asarray(self.right.any(axis=1) & np.isfinite(self.features[..., 0]).any(axis=1))
 
 
 def fit(
@@ -128,50 +127,53 @@ def design_of(case: Case, later: bool, sequence: LabelledSequence) -> Design:
     )
     after = later_means(of_case.seen, of_case.gaps_s[:-1]) if later and known else [None] * len(known)
     rows = [features(seen, case, mean) for seen, mean in zip(of_case.seen, after, strict=True)]
-    looked = [
-        -1 if target is None else seen.ids.index(target) if target in seen.ids else UNKNOWN for _, seen, target in known
-    ]
     padded = np.full((len(rows), max(map(len, rows), default=0), 2 + len(ROWS[case]) * (3 if later else 2)), np.nan)
-    for place, row in zip(padded, rows, strict=True):
-        place[: len(row)] = row
+    right = np.zeros((len(rows), 1 + padded.shape[1]), dtype=np.bool_)
+    for place, (row, (_, seen, targets)) in enumerate(zip(rows, known, strict=True)):
+        padded[place, : len(row)] = row
+        right[place, : 1 + len(row)] = [number in targets for number in (None, *seen.ids)]
     weight = sequence.weight * np.minimum(of_case.label_s / INDEPENDENT_S, 1.0)
-    return Design(features=padded, looked=np.array(looked, dtype=np.intp), weight=weight)
+    return Design(features=padded, right=right, weight=weight)
 
 
 def joined(designs: Sequence[Design]) -> Design:
     """Return the frames of all designs of one case."""
     width = max(design.features.shape[1] for design in designs)
-    padded = [
-        np.pad(design.features, ((0, 0), (0, width - design.features.shape[1]), (0, 0)), constant_values=np.nan)
-        for design in designs
+    missing = [((0, 0), (0, width - design.features.shape[1])) for design in designs]
+    of_targets = [
+        np.pad(design.features, (*pads, (0, 0)), constant_values=np.nan)
+        for design, pads in zip(designs, missing, strict=True)
     ]
     return Design(
-        features=np.concatenate(padded),
-        looked=np.concatenate([design.looked for design in designs]),
+        features=np.concatenate(of_targets),
+        right=np.concatenate([np.pad(design.right, pads) for design, pads in zip(designs, missing, strict=True)]),
         weight=np.concatenate([design.weight for design in designs]),
     )
 
 
 def maximised(design: Design, precision: Float, middle: Float) -> Float:
-    """The weights (F,) of the greatest penalised likelihood, by Newton's method; it is concave.
+    """The weights (F,) of the greatest penalised likelihood, by Newton's method.
 
-    ``precision`` and ``middle`` (F,) are those of the normal prior.
+    It is concave if each frame has one right answer. Where any of several targets is right, the steps are those of the
+    likelihood with these in their present proportions: they are uphill, too (Lange, Hunter and Yang 2000, optimization
+    transfer). ``precision`` and ``middle`` (F,) are those of the normal prior.
     """
     usable = design.usable
-    x, looked, weight = design.features[usable], design.looked[usable], design.weight[usable]
+    x, right, weight = design.features[usable], design.right[usable], design.weight[usable]
     there = np.isfinite(x[..., 0])
     x = np.where(there[..., None], x, 0.0)
-    chosen = np.where((looked >= 0)[:, None], x[np.arange(len(x)), looked], 0.0)
     flat = x.reshape(-1, x.shape[-1])
 
-    def value(w: Float) -> tuple[float, Float]:
+    def value(w: Float) -> tuple[float, Float, Float]:
         utility = np.where(there, x @ w, -np.inf)
-        p = probabilities(utility)
-        logs = (chosen @ w) - _log_sum(utility)
-        return float(weight @ logs - precision @ (w - middle) ** 2 / 2), p
+        of_right = np.where(right, np.pad(utility, ((0, 0), (1, 0))), -np.inf)
+        chance = _log_sum(of_right)
+        logs = chance - _log_sum(np.pad(utility, ((0, 0), (1, 0))))
+        chosen = np.einsum("nt,ntf->nf", np.exp(of_right[:, 1:] - chance[:, None]), x)
+        return float(weight @ logs - precision @ (w - middle) ** 2 / 2), probabilities(utility), chosen
 
     w = middle.copy()
-    now, p = value(w)
+    now, p, chosen = value(w)
     for _ in range(_STEPS):
         mean = np.einsum("nt,ntf->nf", p, x)
         slope = weight @ (chosen - mean) - precision * (w - middle)
@@ -181,11 +183,11 @@ def maximised(design: Design, precision: Float, middle: Float) -> Float:
             break
         while (better := value(w + step))[0] < now and np.abs(step).max() > 1e-12:
             step = step / 2
-        w, (now, p) = w + step, better
+        w, (now, p, chosen) = w + step, better
     return w
 
 
 def _log_sum(utility: Float) -> Float:
-    """log(1 + sum of exp(utility)) of each row."""
-    top = np.maximum(utility.max(axis=1, initial=0.0), 0.0)
-    return np.asarray(top + np.log(np.exp(-top) + np.exp(utility - top[:, None]).sum(axis=1)))
+    """log(sum of exp(utility)) of each row."""
+    top = utility.max(axis=1)
+    return np.asarray(top + np.log(np.exp(utility - top[:, None]).sum(axis=1)))

@@ -184,7 +184,7 @@ def _curve(folds: Sequence[Fold], seeds: int) -> Iterator[MethodScore]:
 
 def is_on_target(person: LabelledPerson) -> Flags:
     """Return which labelled frames (n,) have a true target; the others are nowhere."""
-    return np.array([person.sequence.targets[k] is not None for k in person.labelled], dtype=np.bool_)
+    return np.array([None not in person.sequence.targets[k] for k in person.labelled], dtype=np.bool_)
 
 
 def answers(person: LabelledPerson, weights: LogitWeights, smoothing: Smoothing) -> Float:
@@ -195,13 +195,11 @@ def answers(person: LabelledPerson, weights: LogitWeights, smoothing: Smoothing)
         after = later_means(sequence.seen, sequence.gaps_s[:-1])
     outcomes = []
     for k in person.labelled:
-        seen, target = sequence.seen[k], sequence.targets[k]
+        seen, right = sequence.seen[k], sequence.targets[k]
         chance = target_probabilities(seen, getattr(cases, seen.case), after[k])
-        nowhere = float(1 - chance.sum())
-        best = int(chance.argmax()) if len(chance) and chance.max() > nowhere else None
-        of_best = nowhere if best is None else float(chance[best])
-        of_true = nowhere if target is None else float(chance[seen.ids.index(target)])
-        outcomes.append(((None if best is None else seen.ids[best]) == target, of_best, of_true))
+        chances = dict(zip((None, *seen.ids), [1 - float(chance.sum()), *chance.tolist()], strict=True))
+        best = max(chances, key=lambda answer: chances[answer])  # nowhere, if it is as likely
+        outcomes.append((best in right, chances[best], sum(chances[answer] for answer in right)))
     return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
 
 
@@ -249,10 +247,10 @@ def _constant(person: LabelledPerson, share: float) -> Float:
     """The outcomes of a constant share of nowhere, and equal probabilities of the targets."""
     outcomes = []
     for k in person.labelled:
-        target, ids = person.sequence.targets[k], person.sequence.seen[k].ids
+        right, ids = person.sequence.targets[k], person.sequence.seen[k].ids
         of_each = (1 - share) / max(len(ids), 1)
-        is_right = target is None if share >= of_each else ids[0] == target
-        outcomes.append((is_right, max(share, of_each), share if target is None else of_each))
+        is_right = (None if share >= of_each else ids[0]) in right
+        outcomes.append((is_right, max(share, of_each), share if None in right else of_each * len(right)))
     return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
 
 

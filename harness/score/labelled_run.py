@@ -29,7 +29,7 @@ from vfoa.cones import ConesSettings, pay_attention
 from vfoa.errors import VfoaError, check_known
 from vfoa.logit import Logit, LogitSettings, Remembered
 from vfoa.logit_cues import ROWS, Case, FrameFeatures
-from vfoa.logit_fit import UNKNOWN, LabelledSequence
+from vfoa.logit_fit import LabelledSequence
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.types import Attention, Flags, Float, Scene, Subject
 
@@ -55,12 +55,12 @@ class LabelledPerson:
     @property
     def labelled(self) -> Sequence[int]:
         """The positions of the frames that are scored."""
-        return [k for k, target in enumerate(self.sequence.targets) if target != UNKNOWN]
+        return [k for k, right in enumerate(self.sequence.targets) if right]
 
     def only(self, chosen: Iterable[int]) -> LabelledPerson:
         """Return the person with the labels of these frames alone."""
         wanted = set(chosen)
-        targets = [target if k in wanted else UNKNOWN for k, target in enumerate(self.sequence.targets)]
+        targets = [right if k in wanted else () for k, right in enumerate(self.sequence.targets)]
         return replace(self, sequence=replace(self.sequence, targets=targets))
 
     def without(self, chosen: Iterable[int]) -> LabelledPerson:
@@ -329,7 +329,7 @@ def features_of(
             if name not in people or (seen := _seen(people[name])) is None:
                 continue
             found.seen[name][number] = seen
-            if part.asks_cones and _target(truth_of[number], seen) != UNKNOWN:
+            if part.asks_cones and _right(truth_of[number], seen):
                 cones = pay_attention(people[name].subject, frame.scene.targets, _CONES)
                 found.cones.setdefault(name, {})[number] = cones.focus
         advance()
@@ -381,9 +381,9 @@ class _OfCase(Logit):
         return super().attend(subjects, scene, states)
 
 
-def _target(truth: LabelTruth, seen: FrameFeatures) -> int | None:
-    """The true target, None for nowhere; :data:`UNKNOWN` without a label or if no true target has a box."""
-    return next((answer for answer in truth.answers if answer in (None, *seen.ids)), UNKNOWN)
+def _right(truth: LabelTruth, seen: FrameFeatures) -> tuple[int | None, ...]:
+    """The right answers, (None,) for nowhere; none without a label or if no true target has a box."""
+    return tuple(answer for answer in truth.answers if answer in (None, *seen.ids))
 
 
 def _person(
@@ -404,7 +404,7 @@ def _person(
             times_s=[measured.times_s[number] for number in seen],
             seen=list(seen.values()),
             alone={case: [found[case].seen[name].get(number) for number in seen] for case in pair.alone},
-            targets=[_target(truth_of[number], features) for number, features in seen.items()],
+            targets=[_right(truth_of[number], features) for number, features in seen.items()],
         ),
         nearest=np.array([truth_of[number][1:] for number in seen], dtype=np.float64),
         others={method: np.array([each.get(method, missing) for each in answers], np.float64) for method in methods},

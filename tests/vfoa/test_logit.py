@@ -24,7 +24,7 @@ from vfoa.logit import (
     weigh_attentions,
 )
 from vfoa.logit_cues import LOGIT_CUES, ROWS, FrameFeatures, Means, PosteriorAnswer, later_means, observe
-from vfoa.logit_fit import UNKNOWN, Design, LabelledSequence, fit, maximised
+from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
     Box3D,
     Cues,
@@ -259,13 +259,28 @@ def test_weights_are_recovered_from_looks_drawn_with_them() -> None:
     chances = probabilities(x @ true)
     everywhere = np.column_stack([chances, 1 - chances.sum(axis=1)])
     looked = np.array([generator.choice(5, p=row) for row in everywhere])
-    looked[looked == 4] = -1
-    design = Design(features=x, looked=looked, weight=np.ones(len(x)))
+    right = np.arange(5) == (looked[:, None] + 1) % 5  # nowhere comes first
+    design = Design(features=x, right=right, weight=np.ones(len(x)))
     assert maximised(design, np.full(4, 0.01), np.zeros(4)) == pytest.approx(true, abs=0.12)
     # against a prior that is certain, no look counts
     elsewhere = np.array([3.0, 0.0, 0.0, 1.0])
     assert maximised(design, np.full(4, 1e9), elsewhere) == pytest.approx(elsewhere, abs=1e-3)
     assert maximised(design, np.full(4, 0.01), elsewhere) == pytest.approx(true, abs=0.12)
+
+
+def test_weights_are_recovered_from_labels_that_name_several_targets() -> None:
+    """Of four targets, the first three have one name, and their order says nothing."""
+    generator = np.random.default_rng(1)
+    true = np.array([1.0, 0.5, 2.0, -1.0])
+    x = generator.normal(size=(6000, 4, 4))
+    x[..., 0] = 1
+    chances = probabilities(x @ true)
+    everywhere = np.column_stack([1 - chances.sum(axis=1), chances])
+    looked = np.array([generator.choice(5, p=row) for row in everywhere])
+    names = np.array([0, 1, 1, 1, 2])
+    design = Design(features=x, right=names == names[looked][:, None], weight=np.ones(len(x)))
+    for start in (np.zeros(4), np.array([3.0, 0.0, 0.0, 1.0])):
+        assert maximised(design, np.full(4, 0.01), start) == pytest.approx(true, abs=0.15)
 
 
 def test_a_direction_that_was_never_measured_keeps_the_default_weights() -> None:
@@ -275,7 +290,7 @@ def test_a_direction_that_was_never_measured_keeps_the_default_weights() -> None
     for _ in range(20):
         found, means = observe(subject, TARGETS, {}, means, 0.1, by_posterior())
         seen.append(found)
-    sequence = LabelledSequence(group="a", times_s=np.arange(20) * 0.1, seen=seen, targets=[2] * 10 + [None] * 10)
+    sequence = LabelledSequence(group="a", times_s=np.arange(20) * 0.1, seen=seen, targets=[(2,)] * 10 + [(None,)] * 10)
     fitted, unfitted = fit([sequence]), default_weights()
     assert fitted.forward.gaze == unfitted.forward.gaze
     assert fitted.forward.head != unfitted.forward.head
@@ -285,7 +300,9 @@ def test_a_direction_that_was_never_measured_keeps_the_default_weights() -> None
 def test_frames_without_targets_say_nothing_of_the_weights() -> None:
     def sequence(seen: list[FrameFeatures]) -> LabelledSequence:
         count = len(seen)
-        return LabelledSequence(group="a", times_s=[0.1 * k for k in range(count)], seen=seen, targets=[None] * count)
+        return LabelledSequence(
+            group="a", times_s=[0.1 * k for k in range(count)], seen=seen, targets=[(None,)] * count
+        )
 
     subject = looking(LEFT, LEFT)
     (with_targets, _), (without, _) = (
@@ -306,16 +323,16 @@ def test_a_label_stands_for_the_time_to_the_next_one() -> None:
     for subject in subjects:
         found, means = observe(subject, TARGETS, {}, means, 0.1, by_posterior())
         seen.append(found)
-    targets = [2 if k % 20 else None for k in range(100)]
+    targets = [(2,) if k % 20 else (None,) for k in range(100)]
     times_s = np.arange(100) * 0.1 + 30 * (np.arange(100) >= 50)
     sparse = LabelledSequence(
         group="a",
         times_s=times_s,
         seen=seen,
-        targets=[target if k % 5 == 0 else UNKNOWN for k, target in enumerate(targets)],
+        targets=[target if k % 5 == 0 else () for k, target in enumerate(targets)],
     )
     alone = LabelledSequence(
-        group="a", times_s=[*np.arange(0, 10, 0.5), 9.9], seen=[*seen[::5], seen[-1]], targets=[*targets[::5], UNKNOWN]
+        group="a", times_s=[*np.arange(0, 10, 0.5), 9.9], seen=[*seen[::5], seen[-1]], targets=[*targets[::5], ()]
     )
     assert sparse.label_s[::5] == pytest.approx([0.5] * 19 + [0.4])
     fitted, expected = (fit([each], ["forward"]).forward.both.vector for each in (sparse, alone))
