@@ -30,6 +30,7 @@ from harness.sources.rectification import (
     Rectifier,
     motion_of,
     pair_of_infos,
+    rectify_pose,
     shrinking_note,
     unset_matrices,
 )
@@ -96,6 +97,7 @@ class PairCameras:
             self._topics = tuple(find_camera(topics, [image], info, where) for image, info in infos)
             self._instead = instead_of_pair(topics)
             self._baseline_m = settings.baseline_m or _baseline_m(topics, pair, recording)
+            self._pose = None if self._baseline_m else _static_pose(topics, pair, recording)
             self.notes = (*self._notes(), *self._shrinking_note())
 
     def frame(
@@ -138,8 +140,10 @@ class PairCameras:
         return _rectifier(self._pair(left, right, where))
 
     def _pair(self, left: RawCamera, right: RawCamera, where: str) -> Cameras:
-        """The pair of two recorded cameras, with the settings' baseline if they have one."""
+        """The pair of two recorded cameras: with the settings' baseline, by their own P, or by the recorded pose."""
         baseline_m = self._baseline_m
+        if self._pose is not None and _are_single(left, right):
+            return _posed(left, right, self._pose, f"{where} and {_STATIC}", rectified=self._rectified)
         if self._rectified:
             left, right = left.of_rectified_images(), right.of_rectified_images()
         try:
@@ -149,13 +153,16 @@ class PairCameras:
         return raw.rectified() if self._rectified and baseline_m is None else raw
 
     def _notes(self) -> tuple[str, ...]:
-        """Notes on what a given baseline replaces in the first calibrations."""
-        if self._baseline_m is None or not all(topic.places for topic in self._topics):
+        """Notes on what a given baseline, or the recorded pose, replaces in the first calibrations."""
+        if (self._baseline_m is None and self._pose is None) or not all(topic.places for topic in self._topics):
             return ()
         cameras = self._first_cameras()
+        names = " and ".join(topic.name for topic in self._topics)
+        if self._pose is not None:
+            apart = f"{names}: of single cameras; their pose is that of {_STATIC}, as exact as that was measured"
+            return (apart,) if _are_single(*cameras) else ()
         if not (unset := unset_matrices(*cameras)):
             return ()
-        names = " and ".join(topic.name for topic in self._topics)
         parallel = "; the cameras are taken as parallel" if "R" in unset else ""
         return (f"{names}: {unset}: zeros (not set), baseline_m = {self._baseline_m:g} replaces them{parallel}",)
 
@@ -186,6 +193,45 @@ def _find_pose(topics: Collection[Topic], recording: Recording, target: Topic, s
     if motion is None and target.frame_id and source.frame_id and not has_no_frames(source):
         return find_transform(topics, recording, target.frame_id, source.frame_id)
     return motion
+
+
+_STATIC = "/tf_static"
+_MOST_TURN_RAD, _MOST_ASIDE = 0.02, 0.05
+"""Of rectified images: the largest angle between their cameras, and the largest share of the pose off their rows."""
+
+
+def _static_pose(topics: Collection[Topic], pair: tuple[Topic, Topic], recording: Recording) -> Float | None:
+    """The motion (4, 4) from the left camera's frame to the right one's that holds at all times; None without one."""
+    left, right = pair
+    if not (left.frame_id and right.frame_id) or left.frame_id == right.frame_id:
+        return None
+    static = [topic for topic in topics if topic.name.endswith(_STATIC)]
+    return find_transform(static, recording, right.frame_id, left.frame_id)
+
+
+def _are_single(left: RawCamera, right: RawCamera) -> bool:
+    """Whether both calibrations are of single cameras: neither projection says where the other camera is."""
+    return not (left.p[:, 3].any() or right.p[:, 3].any())
+
+
+def _posed(left: RawCamera, right: RawCamera, pose: Float, where: str, *, rectified: bool) -> Cameras:
+    """The pair of two cameras by x_right = pose x_left; that of ``rectified`` images if they are parallel by it.
+
+    Raises
+    ------
+    VfoaError
+        If the cameras do not stand side by side, left before right.
+    """
+    rotation, shift = pose[:3, :3], pose[:3, 3]
+    if not rectified:
+        return rectify_pose(left, right, rotation, shift, where)
+    turn_rad = float(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1)))
+    if turn_rad > _MOST_TURN_RAD or np.abs(shift[1:]).max() > _MOST_ASIDE * -shift[0]:
+        raise VfoaError(
+            f"{where}: rectified images, and cameras at {shift.tolist()} turned by {np.degrees(turn_rad):.3g} degrees; "
+            "expected parallel ones, the right one at (-baseline, 0, 0), or --baseline METRES"
+        )
+    return pair_of_infos(left, right, where, -float(shift[0])).rectified()
 
 
 # the maps are computed again only if a calibration has changed
