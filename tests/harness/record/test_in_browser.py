@@ -238,9 +238,14 @@ def test_a_page_beside_a_viewer_covers_a_recording_until_it_is_whole_and_steps_f
 ) -> None:
     """Of JPEG images; the test above draws those of a video."""
     from selenium.webdriver import ActionChains
+    from selenium.webdriver.common.keys import Keys
 
     def press(key: str) -> None:
         ActionChains(browser).send_keys(key).perform()
+
+    def after_tab() -> str | None:
+        press(Keys.TAB)
+        return browser.switch_to.active_element.get_attribute("id")
 
     def shows(frame: int, subject: str, place: str) -> None:
         wait_for(lambda: _shows(frame) in _state(browser), at_most_s=LOADED_S, every_s=0.2)
@@ -269,6 +274,7 @@ def test_a_page_beside_a_viewer_covers_a_recording_until_it_is_whole_and_steps_f
         ActionChains(browser).click(browser.find_element("id", "canvas")).perform()
         press("P")
         shows(11, BEN, "2 of 3")
+        assert {"previous", "next"} <= {after_tab() for _ in range(6)}  # the canvas does not keep the focus
         assert len(browser.window_handles) == 1
         assert all(url.startswith("http://127.0.0.1:") for url in let_out(browser))
 
