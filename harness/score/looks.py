@@ -122,8 +122,10 @@ def correlation_time_s(sequences: Iterable[tuple[Flags, Codes, float | None]]) -
             continue
         values = np.full(positions[-1] - positions[0] + 1, np.nan)
         values[positions - positions[0]] = right
-        for place in range(len(_LAGS_S)):
-            lag = max(round(_LAGS_S[place] * rate), 1)
+        steps = _LAGS_S * rate / (stride := round(_stride(positions)))
+        # labels may be sparser than the frames: only frames that are so far apart have a label
+        for place in np.flatnonzero(abs(np.rint(steps) - steps) <= steps / 3).tolist():
+            lag = stride * round(steps[place])
             if lag >= len(values):
                 break
             change = values[lag:] - values[:-lag]

@@ -10,7 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from harness.score.looks import LEAST_S, Event, MatchCounts, count_events, find_events, match_events, number_looks
+from harness.score.looks import (
+    LEAST_S,
+    Event,
+    MatchCounts,
+    correlation_time_s,
+    count_events,
+    find_events,
+    match_events,
+    number_looks,
+)
 from vfoa.types import Codes
 
 
@@ -52,6 +61,18 @@ def test_units_are_whole_looks_in_order_and_long_enough(letters: str, rate: floa
     assert len({*zip(looks.tolist(), units.tolist(), strict=True)}) == looks[-1] + 1
     seconds = np.bincount(units) / rate
     assert len(seconds) == 1 or seconds.min() >= LEAST_S
+
+
+@pytest.mark.parametrize("every", [1, 7, 25, 50])
+def test_sparse_labels_show_how_long_verdicts_stay_alike(every: int) -> None:
+    """Verdicts that change at random, once in 8 s on average: they stay alike for 4 s."""
+    generator = np.random.default_rng(1)
+    sequences = []
+    for _ in range(20):
+        right = np.cumsum(generator.random(25 * 300) < 1 / (25 * 8)) % 2 == 0
+        positions = np.arange(0, len(right), every, dtype=np.intp)
+        sequences.append((right[positions], positions, 25.0))
+    assert correlation_time_s(sequences) == pytest.approx(4, rel=0.5)
 
 
 CODES = {"A": 0, "B": 1, "C": 2, "-": 3, "?": -1}
