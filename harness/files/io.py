@@ -153,7 +153,9 @@ def check_new(path: Path, *, replace: bool, hint: str = "", inputs: Iterable[Pat
     """
     _check_plain(path, "write", folders=False)
     if is_file(path) and any(is_file(file) and path.samefile(file) for file in inputs):
-        raise VfoaError(f"{path}: this command reads it, and would replace it; expected another output file")
+        raise VfoaError(
+            f"{path}: this command reads it, and would replace it; expected another output file, or the input elsewhere"
+        )
     if path.exists() and not replace:
         raise VfoaError(f"{path}: exists already; expected --replace{hint}")
 

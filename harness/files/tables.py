@@ -304,11 +304,12 @@ def _finite_number(cell: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list[str]]]:
+def csv_rows(path: Path, version: str | None = None, instead: str = "") -> Iterator[tuple[int, list[str]]]:
     """Line and cells of every line that is not blank, the header first, below the line of the format's version.
 
     A file with a version may have been saved by a spreadsheet program: with semicolons or tabs between its cells, blank
-    cells at the ends of its lines, and decimal commas in columns of seconds and pixels.
+    cells at the ends of its lines, and decimal commas in columns of seconds and pixels. ``instead`` is what to do with
+    a table that has no such line.
 
     Raises
     ------
@@ -320,7 +321,8 @@ def csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[int, list
         first, _, text = text.partition("\n")
         above = 1
         if not re.fullmatch(rf'("?){re.escape(version)}\1[,;\t]*', first.rstrip("\r")):
-            raise VfoaError(f"{path}:1: found {first.rstrip()[:80]!r}; expected {version!r}")
+            hint = "" if first.startswith("#") else instead
+            raise VfoaError(f"{path}:1: found {first.rstrip()[:80]!r}; expected {version!r}{hint}")
     rows = csv_lines(text, path, above, "," if version is None else separator_of(text, ",;\t", ","))
     yield from rows if version is None else _plain_cells(rows)
 

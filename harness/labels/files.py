@@ -38,6 +38,7 @@ from vfoa.errors import VfoaError, did_you_mean
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 VERSION_LINE = "# vfoa annotations 1"
+_IMPORT = "; a table of your own: move it elsewhere, then vfoa labels import TABLE --clip CLIP --format table"
 
 
 def read_annotations(
@@ -73,7 +74,7 @@ def read_annotations(
         frame outside the clip, a range that ends before it begins or holds no frame, an overlap, or a gap between
         the first and the last label of a subject.
     """
-    lines = csv_rows(path, VERSION_LINE)
+    lines = csv_rows(path, VERSION_LINE, _IMPORT)
     line, header = next(lines, (2, None))
     if header is None:
         raise VfoaError(f"{path}:2: no header; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)}")

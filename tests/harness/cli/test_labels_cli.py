@@ -47,6 +47,21 @@ def test_labels_go_out_and_come_back(
     assert (labels / f"{CLIP}@cat.csv").read_bytes() == (labels / f"{CLIP}.csv").read_bytes()
 
 
+def test_a_table_of_ones_own_in_the_place_of_the_labels_is_imported_from_elsewhere(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    labels = folder / "annotations" / f"{CLIP}.csv"
+    table = write_text(labels, "frame,subject,target\n1,anna,ben\n2,anna,ben\n")
+    code, _, said = vfoa(monkeypatch, capsys, "labels", "check", CLIP)
+    assert (code, said.count("\n")) == (2, 1)
+    command = "labels import TABLE --clip CLIP --format table"
+    assert said.endswith(f"move it elsewhere, then vfoa {command}\n")
+    table.rename(folder / "own.csv")
+    words = [{"TABLE": "own.csv", "CLIP": CLIP}.get(word, word) for word in command.split()]
+    assert vfoa(monkeypatch, capsys, *words)[0] == 0
+    assert f"{labels}: 1 range of anna\n" in vfoa(monkeypatch, capsys, "labels", "check", CLIP)[1]
+
+
 def test_a_check_counts_the_ranges_of_each_subject(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -263,6 +263,7 @@ def test_a_mistake_is_named_with_its_line(tmp_path: Path, rows: str, line: int, 
     [
         (b"", r"a\.csv:1: found ''.*'# vfoa annotations"),
         (b"# vfoa annotations 2\n", r"a\.csv:1: found '# vfoa annotations 2'"),
+        (b"frame,subject,target\n", r"a\.csv:1: found 'frame,subject,target'.*'# vfoa annotations 1'.*--format table"),
         (b"# vfoa annotations 1\n", r"a\.csv:2: no header"),
         (b"# vfoa annotations 1\nfirst_frame;last_frame\n", r"a\.csv:2: header 'first_frame,last_frame'"),
         (b"# vfoa annotations 10,,\n", r"a\.csv:1: found '# vfoa annotations 10,,'"),
