@@ -73,7 +73,7 @@ class DepthFolderClip:
 
     root/
       rgb/000007.png      any image OpenCV reads; colour and depth are joined by number, or by time
-      depth/000007.png    16 bits, or .npy, .exr, .tif, .pfm
+      depth/000007.png    16 bits, or .npy, .npz, .exr, .tif, .pfm
       intrinsics.json     see harness.sources.calibration_files.one_camera
 
     root/                 TUM RGB-D

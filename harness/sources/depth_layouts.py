@@ -113,7 +113,8 @@ def find_depth_frames(
         if _has_frame_numbers(folder / colour) and _has_frame_numbers(folder / depth):
             is_listed, colours, depths = False, *({t // 10**9: each[t] for t in each} for each in (colours, depths))
     else:
-        colours, depths = (find_frames(folder, pattern, str(folder)) for pattern in (colour, depth))
+        colours = find_frames(folder, colour, str(folder))
+        depths = find_frames(folder, depth, str(folder), DEPTH_SUFFIXES)
     if has_times := is_listed or stamps is not None:
         own, others = list(colours), list(depths)
         pairs = [(own[i], others[j]) for i, j in join_times(own, others, round(tolerance_ms * 1e6 / tick_ns))]
@@ -188,7 +189,7 @@ def recognise_depth(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, .
     if given.keys() >= {"colour", "depth"}:
         named = {key: str(given[key]) for key in ("colour", "depth")}
         has_times |= named["colour"].endswith(".txt")
-        stamps = {} if has_times else _stamps(path, *named.values())
+        stamps = {} if has_times else _stamps(path, named["colour"], named["depth"])
         reading = _recognised(path, {**named, **stamps, **{key: given[key] for key in _JOINING & given.keys()}})
         return (reading if has_times else _with_times(reading),)
     readings, faults = [], []
@@ -221,9 +222,10 @@ def _with_times(reading: Recognised) -> Recognised:
     return replace(reading, source={**reading.source, "times": times})
 
 
-def _stamps(path: Path, *patterns: str) -> dict[str, StampUnit]:
+def _stamps(path: Path, colour: str, depth: str) -> dict[str, StampUnit]:
     """The setting ``stamps``, if the numbers in the names are times."""
-    unit = stamp_unit(number for pattern in patterns for number in find_frames(path, pattern, str(path)))
+    both = find_frames(path, colour, str(path)), find_frames(path, depth, str(path), DEPTH_SUFFIXES)
+    unit = stamp_unit(number for numbers in both for number in numbers)
     return {} if unit is None else {"stamps": unit}
 
 

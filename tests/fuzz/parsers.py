@@ -310,7 +310,7 @@ PARSERS: Sequence[Parser] = (
     *(Parser(f"{each} disparity", f"frame.{each}", _ONES, read_disparity) for each in ("npy", "pfm")),
     *(
         Parser(f"{each} depth", f"frame.{each}", write, lambda path: read_depth_file(path, None))
-        for each, write in (("npy", _ONES), ("exr", _ONES), ("pfm", _ONES), ("tif", _PNG_16))
+        for each, write in (("npy", _ONES), ("npz", _ONES), ("exr", _ONES), ("pfm", _ONES), ("tif", _PNG_16))
     ),
     Parser("PNG image", "frame.png", _IMAGE, read_rgb),
     Parser("JPEG image", "frame.jpg", (_IMAGE, whole.turned_jpeg), read_rgb),

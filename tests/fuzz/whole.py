@@ -314,11 +314,13 @@ def palette(path: Path) -> None:
 
 
 def array(values: np.ndarray) -> Write:
-    """An array as npy, PFM, EXR, Middlebury's DPT or an image."""
+    """An array as npy, npz, PFM, EXR, Middlebury's DPT or an image."""
 
     def write(path: Path) -> None:
         if path.suffix == ".npy":
             np.save(path, values)
+        elif path.suffix == ".npz":
+            np.savez_compressed(path, depth=values)
         elif path.suffix == ".pfm":
             write_bytes(path, b"Pf\n5 4\n-1.0\n" + values.astype("<f4").tobytes())
         elif path.suffix == ".dpt":

@@ -35,7 +35,6 @@ IMAGE_SUFFIXES = frozenset(
         *(".ppm", ".pgm", ".pnm"),
     }
 )
-_IMAGE_ENDS = tuple(IMAGE_SUFFIXES)
 
 
 class FolderFiles(Mapping[int, Path]):
@@ -78,14 +77,14 @@ def walk_files(root: Path, suffixes: frozenset[str] | None) -> Iterator[tuple[Pa
         subfolders[:] = sorted(n for n in subfolders if not (is_deep or n.startswith(".") or n in no_frames))
 
 
-def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
+def find_frames(root: Path, pattern: str, where: str, suffixes: frozenset[str] = IMAGE_SUFFIXES) -> Mapping[int, Path]:
     """Return the files under ``root`` by frame number, ascending.
 
-    ``pattern`` is a folder (all its images), a file, a glob (``left/*.png``), or has one printf field for the number
-    (``left/%06d.png``, ``left/%06d_*.png``). Without a field, the number is the run of digits that differs between the
-    names, or the index beside a time stamp; a single file without digits is frame 0. Hidden files, such as macOS's
-    ``._left_01.png``, are left out. YARP's ``data.log`` has the images beside it, by their time in ns. ``where`` (file
-    and key) starts the messages.
+    ``pattern`` is a folder (all its files with these ``suffixes``), a file, a glob (``left/*.png``), or has one printf
+    field for the number (``left/%06d.png``, ``left/%06d_*.png``). Without a field, the number is the run of digits that
+    differs between the names, or the index beside a time stamp; a single file without digits is frame 0. Hidden files,
+    such as macOS's ``._left_01.png``, are left out. YARP's ``data.log`` has the images beside it, by their time in ns.
+    ``where`` (file and key) starts the messages.
 
     Raises
     ------
@@ -94,7 +93,7 @@ def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
     """
     folder = root / pattern
     if folder.is_dir():
-        return _folder_frames(folder, pattern, where)
+        return _folder_frames(folder, pattern, where, suffixes)
     if folder.is_file():
         if folder.name == yarp.LOG:
             return yarp.read_log(folder)
@@ -243,10 +242,11 @@ def check_printf(pattern: str, where: str) -> None:
         raise VfoaError(f"{where}: {pattern!r}; expected one field for the frame number, such as frame_%04d.png")
 
 
-def _folder_frames(folder: Path, pattern: str, where: str) -> FolderFiles:
-    names = [name for name in os.listdir(folder) if name.lower().endswith(_IMAGE_ENDS) and not name.startswith(".")]
+def _folder_frames(folder: Path, pattern: str, where: str, suffixes: frozenset[str]) -> FolderFiles:
+    ends = tuple(sorted(suffixes))
+    names = [name for name in os.listdir(folder) if name.lower().endswith(ends) and not name.startswith(".")]
     if not names:
-        raise VfoaError(f"{where}: {pattern!r} matches no file; expected images in the folder {folder}")
+        raise VfoaError(f"{where}: {pattern!r} matches no file; expected files {', '.join(ends)} in {folder}")
     return FolderFiles(folder, number_names(names, f"{where}: {pattern!r}", pattern))
 
 

@@ -15,22 +15,36 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from harness.files.io import read_bytes
+from harness.files.parsing import check_archive
 from harness.sources.media.images import MOST_PIXELS, read_raw, too_many_pixels
-from vfoa.errors import VfoaError, reported_as
+from vfoa.errors import VfoaError, listed, reported_as
 from vfoa.types import Map
 
 
 def read_npy(path: Path) -> NDArray[Any]:
-    """Read an array of numbers; no pickle.
+    """Read an array of numbers of an ``.npy``, or the only one of an ``.npz``; no pickle.
 
     Raises
     ------
     VfoaError
-        If it cannot be read, or is not an .npy file.
+        If it cannot be read, is no such file, or holds several arrays.
     """
+    if path.suffix.lower() == ".npz":
+        return _only_array(path)
     with reported_as(f"{path}: not an npy file"), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a file that Python 2 wrote
         return np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False)
+
+
+def _only_array(path: Path) -> NDArray[Any]:
+    data = read_bytes(path)
+    check_archive(data, path)
+    with reported_as(f"{path}: not an npz file"), np.load(io.BytesIO(data), allow_pickle=False) as file:
+        names = file.files
+        array = file[names[0]] if len(names) == 1 else None
+    if array is None:
+        raise VfoaError(f"{path}: found the arrays {listed(names, 4) or 'none'}; expected one array in a file")
+    return np.asarray(array)
 
 
 MILLIMETRES = 1000.0
@@ -56,8 +70,8 @@ _PFM_HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+([+-]?(?:\d+\.?\d*|\.\d+)(
 def read_disparity(path: Path) -> Map:
     """Read a disparity map (H, W) float32, pixels, positive; unknown values are NaN.
 
-    ``.npy``, ``.pfm`` and ``.exr`` hold pixels. A PNG with three 8-bit channels is Sintel's, one with a single 16-bit
-    channel holds 256 counts per pixel (KITTI), 0 = unknown.
+    ``.npy``, ``.npz``, ``.pfm`` and ``.exr`` hold pixels. A PNG with three 8-bit channels is Sintel's, one with a
+    single 16-bit channel holds 256 counts per pixel (KITTI), 0 = unknown.
 
     Raises
     ------
@@ -99,7 +113,7 @@ def read_pfm(path: Path) -> Map:
     return np.ascontiguousarray(pixels[::-1], dtype=np.float32)
 
 
-DEPTH_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".npy", ".exr", ".pfm"})
+DEPTH_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".npy", ".npz", ".exr", ".pfm"})
 
 _CHANNELS = ("Z", "Depth.Z", "ViewLayer.Depth.Z", "V", "Depth.V", "ViewLayer.Depth.V", "Y", "R")
 """Channel names of depth in EXR: of renderers, of Blender, and of programs that write one channel as gray or colour."""
@@ -137,7 +151,7 @@ def read_depth_file(path: Path, counts_per_m: float | None, of_integers: float |
 
 def _pixels(path: Path) -> NDArray[Any]:
     match path.suffix.lower():
-        case ".npy":
+        case ".npy" | ".npz":
             return read_npy(path)
         case ".exr":
             return _read_exr(path)
@@ -181,7 +195,7 @@ def read_ids(path: Path) -> NDArray[np.uint32]:
     VfoaError
         If it cannot be read, holds colours instead of numbers, or a number outside 0 to :data:`LARGEST_ID`.
     """
-    is_array = path.suffix.lower() == ".npy"
+    is_array = path.suffix.lower() in (".npy", ".npz")
     ids = read_npy(path) if is_array else read_raw(path)
     if ids.ndim == 3 and not is_array:
         with reported_as(f"{path}: not a readable image"), PIL.Image.open(path) as image:
