@@ -6,6 +6,7 @@ beside the viewer read from ``/label.json`` what their form asks for.
 
 from __future__ import annotations
 
+import shlex
 import threading
 from collections.abc import Iterable
 from contextlib import closing
@@ -122,7 +123,7 @@ def choices(directory: RunDirectory, clip: str, subject: str) -> tuple[str, ...]
 def correct(directory: RunDirectory, correction: Correction) -> Path:
     """Write a correction into the labels that a run is scored against, and score the run again.
 
-    It is written to the journal of the labelling page, where it can be undone. Tables, page and recordings are updated.
+    It is written to the journal of the labels (`vfoa labels undo`). Tables, page and recordings are updated.
 
     Returns
     -------
@@ -181,7 +182,9 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
             return JSONResponse(
                 {"subjects": subjects, "subject": subject, "targets": targets, "target": look.target, **ends}
             )
-        return _page(_form(query, subject, targets, look))
+        annotator = directory.read_manifest().scored_annotator
+        undo = ["vfoa", "labels", "undo", query.clip, *(["--annotator", annotator] if annotator else [])]
+        return _page(_form(query, subject, targets, look, shlex.join(undo)))
 
     def change(body: str) -> Response:
         posted = parse(Posted, dict(parse_qsl(body, max_num_fields=20)), "label")
@@ -202,7 +205,7 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
     return [Route(PATH, answer, methods=["GET", "POST"]), Route(JSON_PATH, answer)]
 
 
-def _form(query: LabelQuery, subject: str, targets: tuple[str, ...], look: LabelledLook) -> str:
+def _form(query: LabelQuery, subject: str, targets: tuple[str, ...], look: LabelledLook, undo: str) -> str:
     options = "".join(f"<option>{escape(name)}</option>" for name in targets)
     clip, subject, back = escape(query.clip), escape(subject), escape(query.back)
     now = "not labelled" if look.target is None else f"labelled {look.target} from frame {look.first} to {look.last}"
@@ -215,7 +218,7 @@ def _form(query: LabelQuery, subject: str, targets: tuple[str, ...], look: Label
         f'<label>From frame <input name="first" type="number" value="{look.first}" required></label>'
         f'<label>to frame <input name="last" type="number" value="{look.last}" required></label>'
         f'<button>Write the label</button> <a href="{back}">Cancel</a></form>'
-        "<p>It can be undone in the labelling page. The run is scored again.</p>"
+        f"<p>The run is scored again. To take the label back: <code>{escape(undo)}</code></p>"
     )
 
 

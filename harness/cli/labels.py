@@ -296,7 +296,7 @@ def _labels_by_annotator(manifest: ClipManifest, clip: AnyClip, annotators: list
         names = [manifest.name, *names]
     if len(set(names)) < 2:
         found = f"those of {names[0]} alone" if names else "none"
-        expected = f"two annotators: a second one labels with `vfoa annotate {manifest.name} --annotator NAME`"
+        expected = "two annotators: --annotator NAME of `vfoa annotate` or `vfoa labels import` is for a second one"
         raise VfoaError(f"{manifest.name}: labels: found {found}; expected {expected}")
     timeline = timeline_of(clip)
     paths = {name: manifest.annotations.expect(None if name == manifest.name else name) for name in names}

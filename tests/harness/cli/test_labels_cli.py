@@ -297,7 +297,7 @@ def test_a_wrong_format_is_told_by_the_files_name(
         (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
         (
             ("agreement", CLIP, "anna"),
-            "labels: found those of anna alone; expected two annotators: a second one labels with `vfoa annotate",
+            "labels: found those of anna alone; expected two annotators: --annotator NAME of `vfoa annotate`",
         ),
         (("check", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
         (("undo", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
