@@ -6,13 +6,16 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from harness.files.coco import CocoAnnotation, CocoFile, read_coco, where
+from harness.files.coco import CocoAnnotation, CocoCategory, CocoFile, CocoImage, check_ids, read_coco, where
 from harness.labels.drawn_shapes import Place
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
 from harness.labels.formats.shapes import Shape, ShapeFile, imported, tracks_of, turned_box
+from vfoa.coco import THINGS
 from vfoa.errors import VfoaError
 
 _LARGEST = 1e9
+_LEAST_SCORE = 0.5
+"""Results with a lower one are left out, as of masks."""
 _NO_MASK = (b"null", b"[]", b"[[]]")
 
 
@@ -23,12 +26,30 @@ class Coco(ReadOnly):
         """Read them, as :func:`harness.labels.formats.shapes.imported` says."""
         file = read_coco(path)
         if not file.images:
-            raise VfoaError(f"{path}: found no images; expected images, categories and annotations")
+            file = _of_results(file, path)
         names = {image.id: image.name for image in file.images}
         shapes = ShapeFile(
             tracks=tracks_of(_shapes(file, names, path)), images=[*names.values()], size_px=_size(file, path)
         )
         return imported(shapes, exchange, path)
+
+
+def _of_results(results: CocoFile, path: Path) -> CocoFile:
+    """The file of a detector's results: the ids of images are their names, those of categories COCO's.
+
+    Raises
+    ------
+    VfoaError
+        If there are none, or one is of no category of COCO.
+    """
+    found = [annotation for annotation in results.annotations if annotation.score >= _LEAST_SCORE]
+    if not found:
+        raise VfoaError(f"{path}: found no images; expected images, categories and annotations, or a list of results")
+    images = [CocoImage(id=number, file_name=str(number)) for number in dict.fromkeys(each.image_id for each in found)]
+    categories = [CocoCategory(id=number, name=name) for number, name in THINGS.items()]
+    file = CocoFile(images=images, categories=categories, annotations=found)
+    check_ids(found, file, path)
+    return file
 
 
 def _shapes(file: CocoFile, images: Mapping[int | str, str], path: Path) -> Iterator[tuple[str, str, Shape]]:

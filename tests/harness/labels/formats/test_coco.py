@@ -170,7 +170,7 @@ def test_attributes_have_names_and_looks(tmp_path: Path) -> None:
         (document({1: "1.png"}, [box(1, "chair", 0)]), ["chair", "bird"]),
         (document({1: "a/1.png", 2: "b/1.png"}, [box(1, "bird", 0)]), ["1.png"]),
         (document({}, [], images=[{"id": 1, "file_name": "1.png"}] * 2), ["images", "id 1"]),
-        (json.dumps([box(1, "bird", 0)]), ["images"]),
+        (json.dumps([box(1, "bird", 0)]), ["person", "bird"]),  # COCO's category 1
         ("{}", ["images"]),
         ("<xml/>", ["JSON"]),
     ],
@@ -181,3 +181,24 @@ def test_a_wrong_file_is_named_with_its_place(tmp_path: Path, content: str, word
         Coco().read(path, exchange())
     assert str(error.value).startswith(str(path))
     assert [word for word in words if word not in str(error.value)] == []
+
+
+def test_boxes_of_a_detector_s_results_are_drawn(tmp_path: Path) -> None:
+    """Of COCO's categories; the id of an image is its number, or its name without the suffix."""
+    results = [
+        {"image_id": image, "category_id": number, "bbox": [left, 2.5, 10, 4], "score": score}
+        for image, number, left, score in [(3, 16, 1, 0.9), (3, 47, 7, 0.8), (3, 16, 30, 0.2), (5, 16, 3, 0.7)]
+    ]
+    for named in (results, [{**each, "image_id": f"frame_{each['image_id']:06d}"} for each in results]):
+        imported = Coco().read(write_text(tmp_path / "results.json", json.dumps(named)), exchange(PlainClip()))
+        found = lefts(imported, "bird")
+        assert [found.get(frame) for frame in (2, 3, 5, 9)] == [None, 1, 3, 3]
+        assert 3 in lefts(imported, "cup")
+        assert 5 not in lefts(imported, "cup")
+
+
+@pytest.mark.parametrize(("results", "said"), [([], "no images"), ([{"category_id": 999, "score": 1}], "category_id")])
+def test_results_of_nothing_that_is_known_are_refused(tmp_path: Path, results: list[dict[str, Any]], said: str) -> None:
+    content = [{"image_id": 3, "bbox": [1, 2, 3, 4], **each} for each in results]
+    with pytest.raises(VfoaError, match=said):
+        Coco().read(write_text(tmp_path / "results.json", json.dumps(content)), exchange(PlainClip()))
