@@ -330,7 +330,7 @@ def _spans(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path
         subject, label = _label(cells, where, exchange)
         ends = [(cells[column], f"{where}: {column}") for column in (place[0], place[-1])]
         if place[0] in MS_PER_UNIT:
-            first, last = (time_ms_of(*each, unit_ms=MS_PER_UNIT[place[0]]) for each in ends)
+            first, last = (time_ms_of(*each, unit_ms=MS_PER_UNIT[place[0]], fps=exchange.fps) for each in ends)
             if place[-1] in _DURATIONS:
                 last, where = first + last, f"{where} ({place[-1]} {cells[place[-1]]})"
             start, end = round(first), round(last)
@@ -386,7 +386,7 @@ def _moments(rows: Sequence[Cells], column: str, exchange: Exchange, path: Path)
         if column == "time_ns":
             time_ns = whole_of(cells[column], place, "ns")
         else:
-            time_ns = round(MS * time_ms_of(cells[column], place, unit_ms=MS_PER_UNIT[column]))
+            time_ns = round(MS * time_ms_of(cells[column], place, unit_ms=MS_PER_UNIT[column], fps=exchange.fps))
         frame, apart_ns = _nearest(time_ns, timeline)
         row = LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=label)
         if apart_ns > within_ns:

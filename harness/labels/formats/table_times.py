@@ -20,7 +20,10 @@ Cells = tuple[str, Mapping[str, str]]
 """The place of a row, and its cells by column."""
 
 MS_PER_UNIT = {"start_s": 1000.0, "start_ms": 1.0, "time_s": 1000.0, "time_ms": 1.0, "time_us": 1e-3}
-_CLOCK = re.compile(r"(?:0 days )?(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:[.,][0-9]+)?)")
+_CLOCK = re.compile(r"(?:0 days )?(?:([0-9]{1,4}):)?([0-5]?[0-9]):([0-5]?[0-9](?:[.,][0-9]+|(?<=:..):[0-9]{3})?)")
+"""A time of day; Datavyu has a colon before its milliseconds."""
+_CODE = re.compile(r"([0-9]{1,4}):([0-5][0-9]):([0-5][0-9])([:;])([0-9]{2})")
+"""A time code of a film's editor; a semicolon says that numbers are dropped, as with 29.97 frames per second."""
 _NUMBER = re.compile(r"-?(?:[0-9]{1,16}(?:\.[0-9]*)?|\.[0-9]+)")
 
 UNITS = ("s", "sec", "seconds", "ms", "us", "ns", "frame", "frames")
@@ -78,14 +81,31 @@ def _numbers(rows: Sequence[Cells], place: Sequence[str]) -> list[str]:
     return found if all(map(_NUMBER.fullmatch, found)) else []
 
 
-def time_ms_of(cell: str, where: str, *, unit_ms: float) -> float:
-    """Milliseconds, of a number in a unit or ``h:mm:ss`` (of pandas, ``0 days h:mm:ss``); raises with its place."""
+def time_ms_of(cell: str, where: str, *, unit_ms: float, fps: float | None) -> float:
+    """Milliseconds, of a number in a unit or ``h:mm:ss`` (of pandas, ``0 days h:mm:ss``); raises with its place.
+
+    ``fps`` is the rate of time codes (``hh:mm:ss:ff``), each of which is the time at which its frame begins.
+    """
+    if code := _CODE.fullmatch(cell):
+        return _code_ms(code, where, fps)
     if clock := _CLOCK.fullmatch(cell):
         hours, minutes, seconds = clock.groups()
-        return 1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(seconds.replace(",", ".")))
+        return 1000 * (3600 * int(hours or 0) + 60 * int(minutes) + float(re.sub("[,:]", ".", seconds)))
     if not _NUMBER.fullmatch(cell):
         raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected a time, such as 12.5 or 0:01:02.5")
     return float(cell) * unit_ms
+
+
+def _code_ms(code: re.Match[str], where: str, fps: float | None) -> int:
+    if fps is None:
+        raise VfoaError(f"{where}: found the time code {code[0]!r}; expected --fps RATE, that of the film, with it")
+    hours, minutes, seconds, frame = (int(code[part]) for part in (1, 2, 3, 5))
+    rate, minutes = math.ceil(fps), 60 * hours + minutes
+    if frame >= rate:
+        raise VfoaError(f"{where}: found {code[0]!r}; expected frames of a second below {rate} (--fps {fps:g})")
+    drops = code[4] == ";" and rate % 30 == 0 and fps < rate
+    dropped = rate // 15 * (minutes - minutes // 10) if drops else 0
+    return math.floor((rate * (60 * minutes + seconds) + frame - dropped) * 1000 / fps)
 
 
 def whole_of(cell: str, where: str, what: str = "the number of a frame") -> int:
@@ -180,7 +200,7 @@ def without_times(
     clip_ns = _times_of_frames(exchange, is_ns=begin.endswith("_ns"))
     try:
         apart = [
-            (line, cells[columns[place[0]]], _ns(cells[columns[begin]], begin) - clip_ns[number])
+            (line, cells[columns[place[0]]], _ns(cells[columns[begin]], begin, exchange.fps) - clip_ns[number])
             for line, cells in lines
             if (number := _frame_number(cells[columns[place[0]]])) in clip_ns and not is_missing(cells[columns[begin]])
         ]
@@ -205,10 +225,10 @@ def _times_of_frames(exchange: Exchange, *, is_ns: bool) -> Mapping[int | None, 
     return dict(zip(exchange.frames, (own_ns + time_ns for time_ns in times_ns), strict=False))
 
 
-def _ns(cell: str, column: str) -> float:
+def _ns(cell: str, column: str, fps: float | None) -> float:
     if column.endswith("_ns"):
         return whole_of(cell, column)
-    return MS * time_ms_of(cell, column, unit_ms=MS_PER_UNIT[column])
+    return MS * time_ms_of(cell, column, unit_ms=MS_PER_UNIT[column], fps=fps)
 
 
 def _check_apart(
@@ -260,7 +280,11 @@ def until_next(
         where, cells = row
         if id(row) in labels or not is_missing(cells[column]):
             cell = cells[column], f"{where}: {column}"
-            onset = whole_of(*cell) if is_frames or is_ns else time_ms_of(*cell, unit_ms=MS_PER_UNIT[column])
+            onset = (
+                whole_of(*cell)
+                if is_frames or is_ns
+                else time_ms_of(*cell, unit_ms=MS_PER_UNIT[column], fps=exchange.fps)
+            )
             person = exchange.names.translate(cells.get("subject", ""))
             onsets.setdefault(person, {}).setdefault(onset, []).append(row)
     rows = list[Cells]()
