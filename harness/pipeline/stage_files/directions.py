@@ -38,6 +38,7 @@ DIRECTION = ("x", "y", "z")
 HEAD_ANGLES = ("yaw", "pitch", "roll")
 _UNITS = ("_deg", "_rad")
 _LENGTH_TOLERANCE = 0.01
+_MOST_RAD = 2 * math.pi
 
 
 class FileDirectionSettings(Settings):
@@ -169,6 +170,14 @@ def _angles(table: FrameTable, names: Sequence[str]) -> Float:
     """Angles (n, names) in radians, from the columns in degrees or in radians; NaN where both are blank."""
     degrees, radians = (table.columns.group([f"{name}{unit}" for name in names]) for unit in _UNITS)
     in_degrees, in_radians = ~np.isnan(degrees[:, :1]), ~np.isnan(radians[:, :1])
+    most = np.nanmax(np.abs(radians), axis=1, initial=0.0)
+    table.columns.refuse_first(
+        most > _MOST_RAD,
+        lambda row: (
+            f"{', '.join(f'{name}_rad' for name in names)}: found {', '.join(f'{each:g}' for each in radians[row])}; "
+            f"expected radians, at most {_MOST_RAD:.3g}, or columns of degrees ({names[0]}_deg)"
+        ),
+    )
     table.columns.refuse_first(
         (in_degrees & in_radians)[:, 0],
         lambda row: f"{names[0]}: found degrees and radians; expected one of them",

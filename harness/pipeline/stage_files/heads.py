@@ -162,6 +162,11 @@ class HeadTable:
         self._scores, self._instances = columns.numbers("score"), columns.numbers("instance_id")
         self._keys, ids = table.keys(), self._instances
         columns.refuse_first(np.isnan(self._boxes[:, 0]), lambda row: f"no box; expected {', '.join(BOX)}")
+        if len(self._boxes) > 1 and (self._boxes >= 0).all() and (self._boxes <= 1).all():
+            raise VfoaError(
+                f"{path}: {', '.join(BOX)}: all are from 0 to 1; expected pixels of the left image: multiply by its "
+                "width and height"
+            )
         columns.refuse_first(
             # the person's id need not be among the masks: a hidden person has no pixel there
             ~np.isnan(ids) & ((ids != np.floor(ids)) | (ids <= 0) | (ids >= 2**16)),
