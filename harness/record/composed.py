@@ -241,12 +241,12 @@ def find_recordings(
     VfoaError
         If there is none, the first clip does not have that subject, or a part of a recording is asked for.
     """
-    if run.is_file() and run.suffix == ".rrd":
+    if run.suffix == ".rrd" and not run.is_dir():
+        if not run.is_file():
+            raise VfoaError(f"{run}: no such file")
         if (clip, configuration, subject) != (None, None, None):
             raise VfoaError(f"{run}: one recording has one layout: leave out --clip, --config and --subject")
         return [Composed(name=run.stem, files=(run,))]
-    if not run.is_dir():
-        raise VfoaError(f"{run}: expected a run's directory or a recording (.rrd), found nothing there")
     clips = find_clips(run, clip, configuration)
     clips[0].expect_subject(subject)
     return [replace(recorded_clip.compose(), subject=subject) for recorded_clip in clips]

@@ -70,7 +70,9 @@ def test_the_packages_run_as_modules(module: str) -> None:
         (("run", "demo", "--set", "attention"), "--set attention: expected KEY=VALUE"),
         (("run", "nowhere/mine.toml"), "nowhere/mine.toml: no such file"),
         (("score", "nowhere"), "nowhere: expected a run's directory, found nothing there"),
-        (("view", "nowhere"), "nowhere: expected a run's directory or a recording (.rrd), found nothing there"),
+        (("view", "nowhere"), "nowhere: expected a run's directory, found nothing there"),
+        (("view", "nowhere.rrd"), "nowhere.rrd: no such file"),
+        (("view", __file__), "test_cli.py: expected a run's directory, found a file"),
     ],
 )
 def test_a_wrong_word_is_one_line_and_exit_code_2(
