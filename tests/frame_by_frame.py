@@ -117,10 +117,15 @@ def worth_of(record: FrameRecord, subject: SubjectRecord | None, label: Label, t
     if traits.probabilistic and subject.missing is None:
         chances = probabilities(subject)
         on_truth = sum(chances.get(key, 0.0) for key in right)
-        brier = (1 - on_truth) ** 2 + sum(p**2 for key, p in chances.items() if key not in right)
+        wrong: dict[str | None, float] = {}
+        for key, chance in chances.items():
+            if key not in right:
+                name = None if key is None else record.target(key).name
+                wrong[name] = wrong.get(name, 0.0) + chance
+        brier = (1 - on_truth) ** 2 + sum(chance**2 for chance in wrong.values())
         held = prediction_set(subject)
         is_covered = not set(held).isdisjoint(right)
-        worth = Worth(min(chances[subject.focus], 1.0), on_truth, brier, len(held) or math.nan, is_covered)
+        worth = Worth(_confidence(record, subject, label), on_truth, brier, len(held) or math.nan, is_covered)
     return worth
 
 
@@ -146,7 +151,7 @@ def judge(record: FrameRecord, subject: str, label: Label | None, traits: Answer
         predicted=predicted,
         outcome=outcome,
         error_type=error_type,
-        confidence=_confidence(person) if traits.probabilistic and predicted is not None and person else None,
+        confidence=_confidence(record, person, label) if traits.probabilistic and predicted and person else None,
     )
 
 
@@ -192,9 +197,18 @@ def _is_somebody_else(record: FrameRecord, subject: str, person: SubjectRecord) 
     return person.instance_id is not None and bool(bodies) and person.instance_id not in bodies
 
 
-def _confidence(subject: SubjectRecord) -> float | None:
-    chance = probabilities(subject).get(subject.focus)
-    return None if chance is None else min(chance, 1.0)
+def _confidence(record: FrameRecord, subject: SubjectRecord, label: Label | None) -> float:
+    """The probability of the answer: of all objects of its name, but for those that a label's point tells apart."""
+    chances, focus = probabilities(subject), subject.focus
+    if focus is None:
+        return min(chances[None], 1.0)
+    right = () if label is None else right_answers(record, label)
+    alike = {
+        target.instance_id
+        for target in record.targets
+        if target.name == record.target(focus).name and (target.instance_id in right) == (focus in right)
+    }
+    return min(sum(chances.get(number, 0.0) for number in alike), 1.0)
 
 
 def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:

@@ -318,6 +318,7 @@ class _SubjectAnswers:
         self.is_given = np.isin(self.missing, (UNKNOWN, self.code(NO_OBJECT), self.code("no_hit")))
         self.focus = np.where(columns.focus[people] == UNKNOWN, UNKNOWN, columns.focus[people] - view.firsts[people])
         self.truly_nowhere, self.right = label.is_nowhere, named_by(label, view, people)
+        self.of_names, self.is_first = _of_names(self.totals, 2 * self.names + self.right)
 
     def predicted(self) -> Codes:
         """The code of what is predicted, UNKNOWN without an answer."""
@@ -354,8 +355,8 @@ class _SubjectAnswers:
         return np.select([case for case, _ in cases], [error_type for _, error_type in cases], code("missed"))
 
     def chances(self) -> Float:
-        """The probability of each answer; NaN where there is none."""
-        chance = np.where(self.focus == UNKNOWN, self.pair.nowhere[self.people], self._at_focus(self.totals))
+        """The probability of each answer, that of all objects of its name; NaN where there is none."""
+        chance = np.where(self.focus == UNKNOWN, self.pair.nowhere[self.people], self._at_focus(self.of_names))
         return np.minimum(chance, 1.0)
 
     def worths(self, chances: Float) -> Float:
@@ -364,7 +365,7 @@ class _SubjectAnswers:
         is_value = ~np.isnan(self.totals)
         on_target = np.where(self.right & is_value, self.totals, 0).cumsum(axis=1)[:, -1]
         on_truth = np.where(self.truly_nowhere, nowhere, on_target)
-        squares = np.where(is_value & ~self.right, self.totals, 0) ** 2
+        squares = np.where(is_value & self.is_first & ~self.right, self.of_names, 0) ** 2
         wrong = squares.cumsum(axis=1)[:, -1] + np.where(self.truly_nowhere, 0, nowhere) ** 2
         # the smallest set: the likeliest first, of equal ones the lower id, nowhere last
         values = np.append(np.where(is_value, self.totals, -np.inf), nowhere[:, None], axis=1)
@@ -388,6 +389,22 @@ class _SubjectAnswers:
         centers = np.take_along_axis(self.centers_m, first[:, None, None], axis=1)[:, 0]
         aims = np.stack([directions, centers - self.pair.columns.looks.eyes_m[self.people]], axis=1)
         return aims, with_box.any(axis=1) & ~np.isnan(aims).any(axis=(1, 2))
+
+
+def _of_names(totals: Float, names: Codes) -> tuple[Float, Flags]:
+    """The sum of the totals (n, K) of each name, at all of its objects, and whether an object is its first one.
+
+    ``names`` (n, K) are codes. Objects without a total, NaN, have no name.
+    """
+    sums, is_first = totals.copy(), ~np.isnan(totals)
+    alone = np.where(is_first, names, np.iinfo(np.int64).min + np.arange(totals.shape[1]))
+    several = np.flatnonzero((np.diff(np.sort(alone, axis=1), axis=1) == 0).any(axis=1))
+    codes = np.unique(alone[several], return_inverse=True)[1].reshape(-1, totals.shape[1])
+    pairs = codes + np.arange(len(several))[:, None] * codes.size
+    _, firsts, places = np.unique(pairs, return_index=True, return_inverse=True)
+    sums[several] = np.bincount(places.ravel(), totals[several].ravel())[places].reshape(pairs.shape)
+    is_first[several] &= np.isin(np.arange(pairs.size), firsts).reshape(pairs.shape)
+    return sums, is_first
 
 
 def named_by(label: LabelColumns, view: View, people: Codes) -> Flags:

@@ -22,8 +22,10 @@ joined to another instance; or the predicted target has the subject's own name, 
 was joined to another body. If name and body were exchanged together, this cannot be seen, and counts as ``missed`` or
 ``outscored``.
 
-Probabilities are judged, too. Brier's score (1950) is the squared distance of all of them from the truth, from 0 to 2.
-A *set* holds the fewest answers, nowhere among them, that have :data:`SET_LEVEL` of the probability together.
+Probabilities are judged, too, as answers are: that of a name is the sum of those of all its objects. Where a label's
+point says which of them is meant, the others are another answer. Brier's score (1950) is the squared distance of all of
+them from the truth, from 0 to 2. A *set* holds the fewest objects, nowhere among them, that have :data:`SET_LEVEL` of
+the probability together.
 """
 
 from __future__ import annotations
@@ -153,7 +155,7 @@ SET_ROUNDING = 1e-9
 class Worth(NamedTuple):
     """The probability of a subject's answer and of the true one, Brier's score, and the set; NaN where there is none.
 
-    ``set_size`` is the number of answers in the set, ``is_covered`` says whether the true one is among them.
+    ``set_size`` is the number of objects in the set, nowhere among them, ``is_covered`` says whether a true one is.
     """
 
     confidence: float = math.nan

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.tables import reliability_table
 from harness.run.manifest import AnswerTraits
-from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.records import AttentionRecord, BoxPx, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.calibration import adaptive_error, coverages, misfit_notes, reliabilities, reliability
 from harness.score.reference import Reference
 from harness.score.score import Scores
@@ -194,6 +194,26 @@ def test_coverage_and_size_are_over_the_scored_frames() -> None:
     )  # attention that is no probability has no sets
     (found,) = coverages(scored(records, {"c": truth}, "p").judged_subjects)
     assert (found.configuration, found.n, found.covered, found.mean_size) == ("p", 3, 2, 4 / 3)
+
+
+def test_the_probability_of_a_name_is_that_of_all_its_objects() -> None:
+    """Any cup is right. Where the label's point says which cup is meant, another one is another answer."""
+    boxes_px: dict[int, BoxPx] = {1: (0.0, 0.0, 10.0, 10.0), 2: (50.0, 0.0, 60.0, 10.0), 3: (90.0, 0.0, 95.0, 5.0)}
+    targets = [target_record(n, "cup" if n < 3 else "book", box_px=box_px) for n, box_px in boxes_px.items()]
+    records = [
+        frame_record(targets, [subject_record("ann", totals={1: 0.4, 2: 0.3, 3: 0.2}, focus=1)], frame=frame)
+        for frame in (1, 2, 3, 4)
+    ]
+    told = (Label(target="cup"), Label(target="book"), Label(target="none"), Label(target="cup", point_px=(55, 5)))
+    rows = [
+        LabelRange(first_frame=frame, last_frame=frame, subject="ann", label=label)
+        for frame, label in enumerate(told, start=1)
+    ]
+    (of_subject,) = scored(records, {"clip": Labels(rows)}, "one").judged_subjects
+    assert of_subject.confidence == pytest.approx([0.7, 0.7, 0.7, 0.4])
+    assert of_subject.on_truth == pytest.approx([0.7, 0.2, 0.1, 0.3])
+    briers = [0.09 + 0.04 + 0.01, 0.64 + 0.49 + 0.01, 0.81 + 0.49 + 0.04, 0.49 + 0.16 + 0.04 + 0.01]
+    assert of_subject.brier == pytest.approx(briers)
 
 
 def test_surprising_directions_are_said_in_one_line() -> None:
