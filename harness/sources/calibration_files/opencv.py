@@ -45,6 +45,8 @@ _MOST_OFF = 2.0
 _BASELINE = re.compile(rf".*baseline(?:{'|'.join(METRES)})?")
 _OF_LENS = re.compile(r"dist(?!ance)|coef|lens|k[1-6]$")
 """Part of the bare name of a lens's distortion."""
+_MOST_TANGENTIAL = 0.02
+"""Largest p1 or p2 of a lens; those of whole ones are below 0.01."""
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
 _LENSES = ("K1", "D1", "K2", "D2")
 _RECTIFICATION = ("R1", "R2", "P1", "P2")
@@ -244,16 +246,19 @@ def _check_model(document: Document, where: str) -> None:
 
 
 def _check_lenses_are_told(document: Document, names: Iterable[str], where: str, place: str) -> None:
-    """Raise a :class:`VfoaError` for a column of four coefficients, which cv2.fisheye returns, under these names.
+    """Raise a :class:`VfoaError` for four coefficients under these names that are probably of cv2.fisheye.
 
-    cv2.stereoCalibrate returns five or more. Four in a row or in a list are mostly k1, k2, p1, p2, which people and
-    other programs write.
+    It returns a column, cv2.stereoCalibrate five or more. Four in a row or in a list are mostly k1, k2, p1, p2, which
+    people and other programs write; p1 and p2 of lenses are small.
     """
     for name in names:
-        if np.shape(document[name]) == (4, 1) and np.any(document[name]):
+        d = numbers(document[name], f"{where}: {name}")
+        is_column = np.shape(document[name]) == (4, 1)
+        if d.size == 4 and d.any() and (is_column or np.abs(d.ravel()[2:]).max() > _MOST_TANGENTIAL):
+            found = "a column of 4 coefficients" if is_column else f"the coefficients {d.ravel().tolist()}"
             raise VfoaError(
-                f"{where}: {name}: found a column of 4 coefficients, as cv2.fisheye returns it, and nothing that names "
-                f"the lens; expected fisheye = true {place}, or fisheye = false if they are k1, k2, p1, p2"
+                f"{where}: {name}: found {found}, such as cv2.fisheye returns, and nothing that names the lens; "
+                f"expected fisheye = true {place}, or fisheye = false if they are k1, k2, p1, p2"
             )
 
 

@@ -103,12 +103,12 @@ def test_rows_that_do_not_match_fail(tmp_path: Path) -> None:
 
 
 def test_a_calibration_of_fisheye_lenses_is_recognised(tmp_path: Path) -> None:
-    """Nothing in OpenCV's file says that four coefficients are of cv2.fisheye, and not k1, k2, p1, p2."""
+    """The user says that four coefficients are k1, k2, p1, p2, and not of cv2.fisheye; OpenCV's file says neither."""
     matrix, lenses = np.array([[300, 0, 95.5], [0, 300, 71.5], [0, 0, 1.0]]), ([0, 0, 0.2, 0.0], [0, 0, -0.2, 0.0])
     document = {"K1": matrix.tolist(), "D1": lenses[0], "K2": matrix.tolist(), "D2": lenses[1]}
     document |= {"R": np.eye(3).tolist(), "T": [-0.1, 0, 0]}
     write_text(tmp_path / "datasets" / "wall" / "stereo.json", json.dumps(document))
-    manifest = MANIFEST.replace(f"[source.camera]\n{CAMERA}", 'calibration = "stereo.json"\n')
+    manifest = MANIFEST.replace(f"[source.camera]\n{CAMERA}", 'fisheye = false\ncalibration = "stereo.json"\n')
     _clip(tmp_path, manifest=manifest)
     pixels = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).reshape(-1, 1, 2).astype(np.float64)
     for side, lens, view in zip(("left", "right"), lenses, _textured(0), strict=True):
@@ -120,7 +120,7 @@ def test_a_calibration_of_fisheye_lenses_is_recognised(tmp_path: Path) -> None:
     assert code == 2
     (note,) = [note for note in found["notes"] if "fisheye" in note]
     assert note.endswith("say fisheye = true in [source]")
-    write_text(tmp_path / "datasets" / "wall.toml", manifest.replace("calibration", "fisheye = true\ncalibration"))
+    write_text(tmp_path / "datasets" / "wall.toml", manifest.replace("fisheye = false", "fisheye = true"))
     code, found = _check("wall")
     assert (code, found["problems"]) == (0, [])
     assert not [note for note in found["notes"] if "rows apart" in note]

@@ -293,6 +293,26 @@ def test_a_column_of_four_coefficients_is_not_taken_for_granted(tmp_path: Path, 
         assert read_raw([path]).left.model == model
 
 
+@pytest.mark.parametrize(
+    ("d", "is_asked"),
+    [
+        ([0.15522498, -0.1554219, 0.10805718, -0.04531632], True),  # of a public calibration by cv2.fisheye
+        ([-0.2834, 0.0739, 0.0002, 0.0000176], False),  # EuRoC
+        ([-0.2834, 0.0739, 0.012, -0.008], False),
+    ],
+)
+def test_four_coefficients_in_a_list_are_those_of_a_lens_with_small_tangential_ones(
+    d: list[float], *, is_asked: bool, tmp_path: Path
+) -> None:
+    lists = {name: value.tolist() for name, value in opencv_nodes(RIG).items()} | {"D1": d, "D2": d}
+    path = write_text(tmp_path / "c.json", json.dumps(lists))
+    if is_asked:
+        with pytest.raises(VfoaError, match=r"D1: .*fisheye = true in \[source\], or fisheye = false"):
+            read_raw([path])
+    options = Options(fisheye=False) if is_asked else Options()
+    assert read_raw([path], options).left.model == "plumb_bob"
+
+
 def test_a_column_without_distortion_is_of_no_fisheye_lens(tmp_path: Path) -> None:
     zeros = {"D1": np.zeros((4, 1)), "D2": np.zeros((4, 1))}
     assert read_raw([write_opencv(tmp_path / "c.yml", opencv_nodes(RIG) | zeros, SIZE)]).left.model == "plumb_bob"
