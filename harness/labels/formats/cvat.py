@@ -62,7 +62,7 @@ def _read(path: Path) -> ShapeFile:
     if twice := [name for name, count in Counter(images).items() if count > 1]:
         raise VfoaError(f"{path}: image {twice[0]} occurs {images.count(twice[0])} times; expected it once")
     tracks = [*_tracks(root, path), *tracks_of(_of_images(root, path))]
-    left_out = sum(1 for tag in LEFT_OUT for _ in root.iter(tag))
+    left_out = sum(1 for tag in LEFT_OUT for _ in root.iter(tag)) - sum(1 for _ in root.iterfind("image/tag"))
     words = f"skeletons, cuboids and tags: {left_out}" if left_out else ""
     is_film = any(mode.text == "interpolation" for mode in root.iter("mode"))
     return ShapeFile(tracks=tracks, images=images, size_px=_size(root, path), is_film=is_film, left_out=words)
@@ -86,18 +86,19 @@ def _tracks(root: Element, path: Path) -> Iterator[ShapeTrack]:
 
 
 def _of_images(root: Element, path: Path) -> Iterator[tuple[str, str, Shape]]:
-    """The shapes of images, which have no number."""
+    """The shapes of images, which have no number, and their tags, which have no place."""
     for image in root.iter("image"):
         where = f"{path}: image {image.get('name')}"
         for element in image:
-            if element.tag in _PLACES:
+            if element.tag in (*_PLACES, "tag"):
                 shape = _shape(element, _text(image, "name", where), where, is_key=True)
                 yield _text(element, "label", where), "", shape
 
 
 def _shape(element: Element, at: int | str, where: str, *, is_key: bool) -> Shape:
     """A shape; each one of images is a key frame, whatever its ``keyframe``, which Datumaro writes there, too."""
-    place = tuple(round(coordinate - 0.5, 2) for coordinate in _PLACES[element.tag](element, where))
+    corners = _PLACES[element.tag](element, where) if element.tag in _PLACES else ()
+    place = tuple(round(coordinate - 0.5, 2) for coordinate in corners)
     is_linear = len(place) == 2 or (element.tag == "box" and not _number(element, "rotation", where, "0"))
     return Shape(
         at=at,

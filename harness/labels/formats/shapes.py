@@ -36,7 +36,8 @@ _UNSET = ("", "__undefined__")
 class Shape:
     """A shape in one frame, by its place in the task's film, or in one image, by its name.
 
-    ``place`` are the pixels of its box, or of its only point, in pixels as in :mod:`harness.labels.drawn_shapes`.
+    ``place`` are the pixels of its box, or of its only point, in pixels as in :mod:`harness.labels.drawn_shapes`; none
+    of a tag of the whole image.
     ``is_needed``: it is not known from those before and after it.
     """
 
@@ -201,7 +202,8 @@ def _known(track: ShapeTrack, exchange: Exchange) -> _Named | None:
     person = (of_head["person"] or "") if of_head else ""
     for spelling in filter(None, (f"{track.label}#{track.number}", in_attributes, track.label, person)):
         name = exchange.names.translate(spelling)
-        if name in exchange.subjects or name in exchange.targets:
+        is_placed = any(shape.place for shape in track.shapes)
+        if name in exchange.subjects or (is_placed and name in exchange.targets):
             is_point = any(len(shape.place) == 2 for shape in track.shapes)
             is_head = of_head is not None and name in exchange.subjects
             return _Named(track=track, name=name, kind="head" if is_head else "point" if is_point else "box")
@@ -272,7 +274,7 @@ def _visible(
 ) -> dict[tuple[str, Kind], _Visible]:
     visible = defaultdict[tuple[str, Kind], _Visible](dict)
     for each in named:
-        shown = [shape for shape in each.track.shapes if not shape.is_outside and shape.at in frames]
+        shown = [shape for shape in each.track.shapes if shape.place and not shape.is_outside and shape.at in frames]
         if shown:
             kinds = [kind for name, kind in visible if name == each.name]
             check_kind(each.name, each.kind, exchange.subjects, kinds, shown[0].where)

@@ -125,6 +125,26 @@ def test_labels_of_a_look_at_one_target_are_looks(tmp_path: Path) -> None:
         read(tmp_path, *tracks[:3])
 
 
+def test_tags_of_images_are_looks(tmp_path: Path) -> None:
+    """By the name of a look, or as an attribute of a tag that is called as the person; a tag has no place."""
+
+    def image(number: int, tags: str) -> str:
+        return f'<image id="{number}" name="{number:05d}.png" width="64" height="48">{tags}</image>'
+
+    tags = [f'<tag label="{label}" source="manual"></tag>' for label in ("cup", "bird", "away")]
+    person = '<tag label="boy"><attribute name="looks_at">{}</attribute></tag>'
+    bird = '<box label="bird" xtl="0" ytl="0" xbr="9" ybr="9"/>'
+    images = [image(3, tags[0] + bird), image(4, tags[0]), image(5, tags[2] + person.format("bird"))]
+    imported = read(tmp_path, *images, renamed={"cup": "girl:cup", "away": "girl:none"})
+    assert imported.labels == Labels([row(3, 4, "cup"), row(5, 5, "none"), row(5, 5, "bird", "boy")])
+    assert [name for name, kind, frame in places(imported.drawn) if frame == 3] == ["bird"]
+    assert not [note for note in imported.notes if "tags" in note]
+    with pytest.raises(VfoaError, match=r"found shapes of bird, cup; .*--rename .*THEIRS=SUBJECT:TARGET"):
+        read(tmp_path, image(3, tags[1]), image(4, tags[0]))
+    known = read(tmp_path, image(3, tags[0] + bird))
+    assert [note.partition("left out: ")[2] for note in known.notes] == ["cup."]
+
+
 def test_a_person_s_attribute_has_the_looks(tmp_path: Path) -> None:
     values = ["bird"] * 3 + ["none"] * 2 + ["__undefined__"] + ["cup"] * 2
     shapes = [cvat_box(at, (0, 0, 9, 9), looks_at=value, mood="glad") for at, value in enumerate(values)]

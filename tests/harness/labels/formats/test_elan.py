@@ -113,6 +113,9 @@ def test_a_tier_may_be_of_one_person_s_looks_at_one_target(tmp_path: Path) -> No
     imported = Elan().read(path, exchange(renamed=renamed))
     assert imported.labels.ranges == (row(1, 2, "boy"), row(3, 5, "cup"), row(6, 6, "boy"))
     assert imported.notes == (f"{path}: tier 'camera': not read: the values of 1 look at 'cup'.",)
+    own = write_text(tmp_path / "b.txt", "cup\t\t0.08\t0.2\t\nbird\t\t0.2\t0.24\t\n")  # called as the targets
+    looks = Elan().read(own, exchange(renamed={"cup": "girl:cup", "bird": "girl:bird"}))
+    assert (looks.labels.ranges, looks.notes) == ((row(3, 5, "cup"), row(6, 6, "bird")), ())
     (note, _) = Elan().read(path, exchange(renamed={"host": "girl"})).notes
     assert note.endswith(
         "left out: 2 annotations without a value; if all are looks at one target: --rename host=SUBJECT:TARGET."
