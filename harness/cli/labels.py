@@ -215,15 +215,18 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
     from harness.labels.labels import timeline_of
 
     manifest = load_manifest(clip)
-    timeline = timeline_of(manifest.open())
+    files, timeline = manifest.annotations, timeline_of(manifest.open())
     drawn = None if annotator else manifest.drawn(timeline.frames)
-    for name in (annotator,) if annotator else (None, *manifest.annotations.annotators()):
-        labels = manifest.labels(timeline, name)
-        if labels is not None:
-            counts = [f"{counted(len(labels.of(subject)), 'range')} of {subject}" for subject in labels.subjects]
-            say(f"{manifest.annotations.find(name)}: {', '.join(counts) or 'no ranges'}")
+    names = [annotator] if annotator else [name for name in (None, *files.annotators()) if files.find(name)]
+    if not names and drawn is None:
+        files.expect(None)
+    for name in names:
+        path = files.expect(name)
+        labels = manifest.read(path, timeline).confirmed()
+        counts = [f"{counted(len(labels.of(subject)), 'range')} of {subject}" for subject in labels.subjects]
+        say(f"{path}: {', '.join(counts) or 'no ranges'}")
     if drawn is not None:
-        say(f"{manifest.annotations.find_drawn()}: {drawn.counts}")
+        say(f"{files.find_drawn()}: {drawn.counts}")
 
 
 @app.command(name="agreement", short_help="Compare annotators: kappa, confusion, differences.")

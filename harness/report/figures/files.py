@@ -229,7 +229,8 @@ class _Shown:
     def read(cls, run: Path, name: str) -> _Shown:
         scores = read_scores(RunDirectory(run))
         if not scores.rows:
-            raise VfoaError(f"{run}: no labelled frame; expected labels of its clips: vfoa annotate CLIP")
+            problem = "no labelled frame; expected labels of its clips: `vfoa annotate` or `vfoa labels import`"
+            raise VfoaError(f"{run}: {problem}")
         return cls(run=run, name=name, scores=scores)
 
     def named(self, configuration: str) -> str:

@@ -71,6 +71,23 @@ def test_a_check_counts_the_ranges_of_each_subject(
     assert said == (0, f"{path}: 1 range of anna\n", "")
 
 
+def test_a_check_of_a_clip_without_labels_fails(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    labels = folder / "annotations"
+    for path in labels.iterdir():  # under a name that is not the clip's
+        path.rename(labels / path.name.replace(CLIP, f"{CLIP}s"))
+    missing = f"vfoa: {CLIP}: no annotations; expected {labels / f'{CLIP}.csv'}\n"
+    assert vfoa(monkeypatch, capsys, "labels", "check", CLIP) == (2, "", missing)
+    shapes = write_text(
+        labels / f"{CLIP}.drawn.csv",
+        "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n1,bear,point,9,9,,,\n",
+    )
+    code, said, _ = vfoa(monkeypatch, capsys, "labels", "check", CLIP)
+    assert (code, said.count("\n")) == (0, 1)
+    assert said.startswith(f"{shapes}: ")
+
+
 def test_a_check_names_the_files_that_it_has_read(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
