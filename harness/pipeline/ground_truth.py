@@ -22,6 +22,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from pydantic import Field
 
+from harness.files.ascending import usual_step
 from harness.labels.labels import BLOCKED, IGNORED, Label, LabelRange, Labels
 from harness.pipeline.configuration import CLIP_VARIABLE
 from harness.sources import AnyClip, PersonTruth, SightTruth, Truth
@@ -274,13 +275,16 @@ class SimulatedHeadPoseSettings(_ErrorSettings):
 
 
 class AngularError:
-    """The error of one model. ``stream`` makes the errors of different models independent under the same seed."""
+    """The error of one model. ``stream`` makes the errors of different models independent under the same seed.
 
-    def __init__(self, settings: _ErrorSettings, stream: int) -> None:
+    ``step`` is the usual difference of the numbers of two frames.
+    """
+
+    def __init__(self, settings: _ErrorSettings, stream: int, step: int = 1) -> None:
         self.sigma_rad = sigma_rad(settings.error_deg)
         claimed = settings.error_deg if settings.claimed_error_deg is None else settings.claimed_error_deg
         self.claimed_sigma_rad = sigma_rad(claimed)
-        self._settings = settings
+        self._settings, self._every = settings, settings.bias_frames * step
         draw = hashlib.sha256(settings.draw.encode()).digest()
         self._key = (settings.seed, stream, int.from_bytes(draw[:8], "big"))
 
@@ -310,9 +314,8 @@ class AngularError:
 
     def _slow_bias(self, person: int, frame: int) -> Float:
         """A standard normal pair (2,) that changes slowly: a quarter turn leads from each knot's pair to the next."""
-        every = self._settings.bias_frames
-        knot, within = divmod(frame, every)
-        turn = np.pi / 2 * within / every
+        knot, within = divmod(frame, self._every)
+        turn = np.pi / 2 * within / self._every
         return np.cos(turn) * self._normal(person, _SLOW, knot) + np.sin(turn) * self._normal(person, _SLOW, knot + 1)
 
     def _normal(self, person: int, kind: int, number: int) -> Float:
@@ -340,7 +343,7 @@ class _Simulated(_OfPerson):
 
     def __init__(self, settings: _ErrorSettings, clip: AnyClip) -> None:
         super().__init__(settings, clip)
-        self._error = AngularError(settings, self.stream)
+        self._error = AngularError(settings, self.stream, max(1, round(usual_step(clip.frames))))
 
     def of_person(self, frame: int, person: PersonTruth) -> Any:
         """Return the direction of one person with its error."""

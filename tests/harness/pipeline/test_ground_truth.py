@@ -269,6 +269,19 @@ class TestSimulated:
         assert step_deg(0) > 10
         assert step_deg(1) < step_deg(0.5) < step_deg(0)
 
+    @pytest.mark.parametrize("numbers", [range(1, 401), range(0, 4000, 10), range(10**18, 10**18 + 400 * 10**6, 10**6)])
+    def test_the_bias_is_as_slow_in_a_clip_whose_numbers_have_steps(self, numbers: range) -> None:
+        """Such as stamps in ns, or every tenth frame: ``bias_frames`` are frames of the clip."""
+        clip = FakeClip(*[whole_truth()] * len(numbers))
+        clip.frames = numbers
+        clip.truth = lambda number: whole_truth()  # type: ignore[method-assign]
+        stage = SimulatedGaze(SimulatedGazeSettings(bias_share=1, bias_frames=25), clip)
+        gazes = [stage.estimate(clip.frame(number), HEAD_1, None) for number in numbers]
+        directions = np.stack([gaze.direction for gaze in gazes if gaze is not None])
+        steps_deg = np.degrees(angle_between(directions[1:], directions[:-1]))
+        assert 0 < steps_deg.mean() < 2
+        assert np.degrees(angle_between(directions[25:], directions[:-25])).mean() > 10
+
     def test_a_long_mean_removes_the_noise_but_not_the_bias(self) -> None:
         def left_deg(bias_share: float) -> float:
             left = []
