@@ -28,6 +28,7 @@ from harness.files.io import read_bytes
 from harness.files.parsing import parse_json_as
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly, file_name
 from harness.labels.formats.tiers import Annotation, from_tiers
+from harness.sources.media.frame_files import IMAGE_SUFFIXES
 from vfoa.errors import VfoaError, check_known, counted
 
 _EXPECTED = "expected what Label Studio exports as JSON (not JSON-MIN)"
@@ -77,6 +78,11 @@ class LabelStudio(ReadOnly):
         """
         tasks = _read(path)
         films = [_film(task) for task in tasks]
+        if films and all(Path(name).suffix.lower() in IMAGE_SUFFIXES for name in films):
+            raise VfoaError(
+                f"{path}: found tasks of images ({films[0]} ...); expected tasks of a film, or, of choices, the "
+                "CSV that Label Studio exports, with --format table: each tag <Choices> is called as a person"
+            )
         film = exchange.film_of(films, path)
         regions = _chosen([task for task, name in zip(tasks, films, strict=True) if name == film], exchange, path)
         shared = _part_shared_frames(regions, exchange)

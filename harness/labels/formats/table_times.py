@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path, PurePath
 
@@ -155,13 +155,26 @@ def with_frames_of_images(rows: Sequence[Row], meant: Sequence[str | None], path
     if all(_frame_number(name) is not None for name in names):
         numbers = {name: name for name in names}
     elif all(_is_image(name, is_short=is_short) for name in names):
-        numbers = {name: str(number) for number, name in number_names(names, f"{path}: {header[place]}").items()}
+        own = _before_upload(names)
+        of_own = {name: n for n, name in number_names({*own.values()}, f"{path}: {header[place]}").items()}
+        numbers = {name: str(of_own[own[name]]) for name in names}
     else:
         return rows
     return [
         (line, [*header[:place], "frame", *header[place + 1 :]]),
         *((at, [*cells[:place], numbers.get(cells[place], ""), *cells[place + 1 :]]) for at, cells in lines),
     ]
+
+
+_UPLOADED = re.compile(r"(?<![^/])([0-9a-f]{8})-(?=[^/]+$)")
+"""What Label Studio puts before the name of each image that is uploaded; dates have digits alone."""
+
+
+def _before_upload(names: Iterable[str]) -> dict[str, str]:
+    """The names of images before their upload to Label Studio, by those that they have now."""
+    found = {name: _UPLOADED.search(name) for name in names}
+    is_uploaded = all(found.values()) and any(match and not match[1].isdecimal() for match in found.values())
+    return {name: _UPLOADED.sub("", name) if is_uploaded else name for name in found}
 
 
 def _is_image(name: str, *, is_short: bool) -> bool:

@@ -130,6 +130,7 @@ def test_a_task_of_cloud_storage_and_other_regions(tmp_path: Path) -> None:
         ([_task(_sound("0", "1", "bird"))], "found '0' to '1'; expected seconds"),
         ([_task({"type": "timelinelabels", "value": {"ranges": [{"start": 1}]}})], "missing required field"),
         ([_task(_region(1, 10**15, "bird"))], "expected times in a film"),
+        ([_task({"type": "choices", "value": {}}, film="/data/upload/1/0a1b2c3d-000001.png")], "--format table"),
     ],
 )
 def test_what_is_no_label_is_named(tmp_path: Path, tasks: Any, message: str) -> None:

@@ -47,6 +47,20 @@ def test_images_named_by_time_stamps_are_the_frames_of_these_numbers(tmp_path: P
     assert _read(tmp_path, text, clip) == Labels([row(first, first + 100_000, "bird")])
 
 
+def test_names_of_label_studio_are_those_before_the_upload(tmp_path: Path) -> None:
+    """Its CSV has a column for each tag of choices, here named after a person; a date is no mark of an upload."""
+    rows = [f"{n},1,{look},/data/upload/1/{n}a1b2c3d-frame_{n:06d}.png" for n, look in enumerate(LOOKS, start=1)]
+    assert _read(tmp_path, "\n".join(["annotation_id,annotator,girl,image", *rows])) == Labels(
+        [row(1, 2, "bird"), row(3, 5, "none")]
+    )
+    dated = [f"20240501-12000{n}.png,{look}" for n, look in enumerate(LOOKS, start=1)]
+    seconds = range(1_714_564_801_000, 1_714_564_806_000, 1000)
+    clip = PlainClip(frames=seconds)
+    assert _read(tmp_path, "\n".join(["image,girl", *dated]), clip) == Labels(
+        [row(seconds[0], seconds[1], "bird"), row(seconds[2], seconds[4], "none")]
+    )
+
+
 @pytest.mark.parametrize("columns", ["filename,first_frame,last_frame", "filename,start_ms,end_ms"])
 def test_the_name_of_a_film_beside_frames_or_times_is_none_of_an_image(tmp_path: Path, columns: str) -> None:
     ends = "1,2" if "frame" in columns else "0,200"
