@@ -52,7 +52,7 @@ def view(
     ] = None,
     where: Where = None,
     compare: Annotated[
-        tuple[str, str] | None, typer.Option(metavar="K1 K2", help="Open two configurations of --clip side by side.")
+        tuple[str, str] | None, typer.Option(metavar="K1 K2", help="Open two configurations of a clip side by side.")
     ] = None,
     screenshot: Annotated[
         Path | None, typer.Option(metavar="PNG", help="Write a screenshot of the first recording; needs no display.")
@@ -156,9 +156,12 @@ def _compared(
     from harness.record.composed import find_clips
     from harness.run.results import choose
 
-    if clip is None or config is not None or compare[0] == compare[1] or run.is_file():
-        raise VfoaError("view --compare: expected a run's directory, --clip, no --config, and two configurations")
-    (recorded,) = find_clips(run, clip, None)
+    if config is not None or compare[0] == compare[1] or run.is_file():
+        raise VfoaError("view --compare: expected a run's directory, no --config, and two configurations")
+    recorded, *others = find_clips(run, clip, None)
+    if others:
+        clips = listed([each.files.clip for each in (recorded, *others)])
+        raise VfoaError(f"{run}: has several clips; choose one with --clip: {clips}")
     recorded.expect_subject(subject)
     names = [layers.configuration for layers in recorded.layers]
     first, second = (choose(names, configuration, run) for configuration in compare)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import ctypes.util
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -411,11 +412,17 @@ def test_two_configurations_are_compared_side_by_side_by_one_command(frames, tmp
     shown = []
     monkeypatch.setattr(viewer, "show", lambda recordings, frame: shown.append((recordings[0].name, frame)))
     view = ["view", str(run), "--clip", "clip"]
-    assert _vfoa(monkeypatch, *view, "--compare", "one", "two", "--frame", "11") == 0
-    assert shown == [("clip__one__vs__two", 11)]
+    for words in (view, ["view", str(run)]):  # the run has one clip
+        assert _vfoa(monkeypatch, *words, "--compare", "one", "two", "--frame", "11") == 0
+        assert shown.pop() == ("clip__one__vs__two", 11)
     assert sorted(run.iterdir()) == before  # nothing is copied
+    manifest = RunDirectory(run).read_manifest()
+    another = manifest.clips[0].model_copy(update={"name": "another"})
+    RunDirectory(run).write_manifest(manifest.model_copy(update={"clips": [*manifest.clips, another]}))
+    for path in run.glob("clip*.rrd"):
+        shutil.copyfile(path, path.with_name(path.name.replace("clip", "another", 1)))
     for arguments, said in (
-        (["view", str(run), "--compare", "one", "two"], "--clip"),
+        (["view", str(run), "--compare", "one", "two"], "choose one with --clip: clip, another"),
         ([*view, "--compare", "two", "two"], "two configurations"),
         ([*view, "--compare", "one", "tow"], "did you mean 'two'?"),
     ):
