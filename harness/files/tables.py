@@ -166,7 +166,12 @@ def found(cell: str) -> str:
 
 
 def read_columns(
-    path: Path, columns: Sequence[str] | None, required: Sequence[str], *, version: str | None = None
+    path: Path,
+    columns: Sequence[str] | None,
+    required: Sequence[str],
+    *,
+    known: Sequence[str] = (),
+    version: str | None = None,
 ) -> TableColumns:
     """Read the columns of a table; blank lines are left out.
 
@@ -176,6 +181,8 @@ def read_columns(
         Every column that the table may have, in any order; None: any.
     required
         Columns that it must have.
+    known
+        Further columns that may be written in capitals, where any are allowed.
     version
         The first line of a CSV file whose format has a version, above the header.
 
@@ -186,7 +193,7 @@ def read_columns(
         cells.
     """
     with collected_later():
-        rows = _checked_rows(path, columns, required, version)
+        rows = _checked_rows(path, columns, required, version, known)
         _, header = next(rows)
         numbered = list(rows)
         by_column = zip(*(cells for _, cells in numbered), strict=True) if numbered else ((),) * len(header)
@@ -228,15 +235,19 @@ def format_rows(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str
 
 
 def _checked_rows(
-    path: Path, columns: Sequence[str] | None, required: Sequence[str], version: str | None
+    path: Path,
+    columns: Sequence[str] | None,
+    required: Sequence[str],
+    version: str | None,
+    known: Sequence[str] = (),
 ) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of the header, then of each row."""
     rows = table_rows(path) if version is None else _strict_rows(path, version)
     if not rows:
         raise VfoaError(f"{path}:1: no header; expected {','.join(required)},...")
     (line, header), *rows = rows
+    header = _known_names(header, (*required, *known) if columns is None else columns)
     columns = header if columns is None else columns
-    header = _known_names(header, columns)
     _check_flags(header, columns, rows, f"{path}:{line}")
     yield line, _checked_header(header, columns, required, f"{path}:{line}")
     for line, cells in rows:

@@ -121,7 +121,9 @@ def _read(path: Path) -> TableColumns:
     """The columns of a table in any of the formats."""
     if path.suffix == ".parquet":
         return _read_parquet(path)
-    return answers_of_idiap(path) if is_tracker_output(path) else read_columns(path, None, ("subject",))
+    if is_tracker_output(path):
+        return answers_of_idiap(path)
+    return read_columns(path, None, ("subject",), known=(*KEYS, *NAMED, *POINT, "in_image"))
 
 
 def _read_parquet(path: Path) -> TableColumns:
