@@ -137,8 +137,13 @@ def _names(values: Iterable[Any], what: str) -> NDArray[np.str_]:
 def _name(value: Any) -> str:
     if value is None or isinstance(value, str):
         return value or ""
+    if isinstance(value, bytes):
+        return value.decode(errors="replace")
     is_itself = value == value  # False for NaN, and neither True nor False for the NA of pandas
-    return str(value) if isinstance(is_itself, bool | np.bool_) and is_itself else ""
+    if not (isinstance(is_itself, bool | np.bool_) and is_itself):
+        return ""
+    # an empty cell makes a column of whole numbers one of floats
+    return f"{value:.0f}" if isinstance(value, float | np.floating) and value == np.rint(value) else str(value)
 
 
 def _chances(probabilities: Mapping[str, ArrayLike], counts: Flags) -> dict[str, Float]:
@@ -150,7 +155,7 @@ def _chances(probabilities: Mapping[str, ArrayLike], counts: Flags) -> dict[str,
             raise VfoaError(
                 f"score: probabilities of {name!r}: found the shape {values.shape}; expected {counts.shape}"
             )
-        chances[name] = values[counts]
+        chances[_name(name)] = values[counts]
     return chances
 
 
