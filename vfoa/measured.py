@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,8 +38,11 @@ class Observed:
         Raises
         ------
         ValueError
-            If the eyes are not a finite point (3,), or a direction is zero or not finite (3,).
+            If the eyes are not a finite point (3,), a direction is zero or not finite (3,), or an error is above pi.
         """
+        for name in ("gaze_error_rad", "head_error_rad"):
+            if (error_rad := getattr(self, name)) is not None and error_rad > math.pi:
+                raise ValueError(f"{name}: expected radians, at most pi, found {error_rad}; math.radians(degrees)")
         gaze = None if self.gaze is None else Gaze(direction=np.asarray(self.gaze), sigma_rad=self.gaze_error_rad)
         head = None if self.head is None else HeadPose(direction=np.asarray(self.head), sigma_rad=self.head_error_rad)
         eyes_m = None if self.eyes_m is None else np.array(self.eyes_m, dtype=np.float64)

@@ -200,6 +200,8 @@ def _observed(person: Person) -> Observed:
         ({"anna": Observed(eyes_m=(0, 0, math.nan), gaze=(0, 0, 1))}, {}, "anna: .*nan"),
         ({"anna": Observed(eyes_m=EYES, gaze=(0, 0, 0))}, {}, "anna: .*direction"),
         ({"anna": Observed(eyes_m=EYES, gaze=(0, 0, 1), gaze_error_rad=-1)}, {}, "anna: .*-1"),
+        ({"anna": Observed(eyes_m=EYES, gaze=(0, 0, 1), gaze_error_rad=8)}, {}, r"anna: gaze_error_rad: .*8"),
+        ({"anna": Observed(eyes_m=EYES, head=(0, 0, 1), head_error_rad=5.5)}, {}, r"anna: head_error_rad: .*5\.5"),
         ({}, {"cup": (0, 0)}, r"cup: .*\(2,\)"),
         ({}, {"cup": ((0, 0, 1), (0.1, 0, 0.1))}, "cup: .*positive"),
         ({}, {"cup": (0, 0, math.inf)}, "cup: .*inf"),
