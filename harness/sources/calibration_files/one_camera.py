@@ -24,7 +24,7 @@ from harness.sources.calibration_files.image_size import image_size
 from harness.sources.calibration_files.opencv import opencv_camera, says_fisheye
 from harness.sources.calibration_files.opencv_names import role_alone
 from harness.sources.calibration_files.ros_text import is_ros_text, read_ros_camera
-from harness.sources.calibration_files.texts import camera_matrix, floats, named_numbers
+from harness.sources.calibration_files.texts import bare_numbers, camera_matrix, named_numbers
 from harness.sources.depth_optics import pinhole, without_distortion
 from harness.sources.rectification import MODELS, RawCamera, check_lens
 from vfoa.errors import VfoaError, listed
@@ -50,7 +50,8 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
       ``model``, ``coeffs``, ``width``, ``height``, in JSON or YAML; OpenCV's names of the last four are read,
       too, and they may be missing; all in a table (``intrinsics``), if it is the only one of a camera, that of
       colour beside depth, or of left beside right
-    - text: K, nine numbers by rows, or a RealSense's names, each with its number (``fx: 615.2``) in a line
+    - text: K, nine numbers by rows; ``fx fy cx cy``; or a RealSense's names, each with its number (``fx: 615.2``) in a
+      line
 
     Parameters
     ----------
@@ -71,9 +72,9 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
     elif named := named_numbers(text):
         camera = _of_document(path, named, size_px, rectified=rectified)
     else:
-        values = floats(" ".join(line.partition("#")[0] for line in text.splitlines())) or []
-        if len(values) != 9:
-            raise VfoaError(f"{path}: found {len(values)} numbers; expected nine (K): {FORMATS}")
+        values = bare_numbers(text, lambda: size_px)
+        if len(values) != 9 or not np.isfinite(values).all():
+            raise VfoaError(f"{path}: found {len(values)} numbers; expected nine (K), or fx fy cx cy: {FORMATS}")
         camera = pinhole(camera_matrix(values, path), size_px)
     check_lens(camera, str(path))
     check_size(size_px, camera.size_px, f"{path}: images")

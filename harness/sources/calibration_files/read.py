@@ -131,8 +131,8 @@ def _read_text(path: Path, size: ImageSize, options: Options) -> tuple[str, Came
         return "Middlebury", texts.read_middlebury(path, text)
     if named := texts.named_numbers(text):
         return "OpenCV", _opencv_cameras(named, size, str(path), options)
-    if texts.is_matrix(text):
-        return "a matrix", texts.read_matrix(path, text, options.baseline_m)
+    if texts.is_matrix(text, size):
+        return "a matrix", texts.read_matrix(path, text, size, options.baseline_m)
     return "KITTI", texts.read_kitti(path, text, options.calibration_cameras or (2, 3))
 
 

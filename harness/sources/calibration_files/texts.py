@@ -65,7 +65,7 @@ def read_kitti(path: Path, text: str, cameras: tuple[int, int]) -> Calibration:
         if key is None:
             raise VfoaError(
                 f"{path}: no line P{camera}: or P_rect_{camera:02d}:; expected the calibration of KITTI (those lines), "
-                "Middlebury (cam0=[...]) or a camera matrix of 3 x 3 numbers"
+                "Middlebury (cam0=[...]), a camera matrix of 3 x 3 numbers, or fx: 700 and the others in lines"
             )
         matrices.append(values(key, 12).reshape(3, 4))
     size_key = f"S_rect_{cameras[0]:02d}"
@@ -131,22 +131,50 @@ def named_numbers(text: str) -> dict[str, float]:
     return named if named.keys() >= {"fx", "fy"} else {}
 
 
-# A bare camera matrix (K.txt): nine numbers, and the baseline in metres on a line of its own
+# A bare camera matrix (K.txt): nine numbers, or fx fy cx cy, and the baseline in metres on a line of its own
 
-_COMMENT = re.compile(r"#.*")
+_COMMENT = re.compile(r"#.*|^\W*fx\W+fy\W+cx\W+cy\W*$", re.IGNORECASE)
+"""What is no value: also the names of four numbers above them."""
+_MOST_OFF_MIDDLE, _LEAST_FOCAL, _MOST_UNEVEN = 0.25, 0.25, 0.05
+"""Of four numbers that are a camera's: the principal point's share off the middle, the focal length in widths, and the
+share by which the two focal lengths differ: another order has other ones."""
 _BASELINE = re.compile(r"baseline(?:_m)?\s*[:=]?\s*", re.IGNORECASE)
 
 
-def is_matrix(text: str) -> bool:
-    """Whether a text begins with a line of three or nine numbers."""
-    return len(floats(next(iter(_bare_lines(text)), "")) or []) in (3, 9)
+def is_matrix(text: str, size: ImageSize) -> bool:
+    """Whether a text begins with a line of three or nine numbers, or with fx, fy, cx and cy of images of this size."""
+    first = _first_numbers(text)
+    return len(first) in (3, 9) or _are_of_a_camera(first, size)
 
 
-def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
+def bare_numbers(text: str, size: ImageSize) -> list[float]:
+    """The numbers of a bare text, NaN for what is none; fx, fy, cx and cy of a first line as nine by rows."""
+    values = [value for line in _bare_lines(text) for value in floats(_BASELINE.sub("", line)) or [math.nan]]
+    if _are_of_a_camera(_first_numbers(text), size):
+        fx, fy, cx, cy = values[:4]
+        return [fx, 0, cx, 0, fy, cy, 0, 0, 1, *values[4:]]
+    return values
+
+
+def _first_numbers(text: str) -> list[float]:
+    return floats(next(iter(_bare_lines(text)), "")) or []
+
+
+def _are_of_a_camera(numbers: list[float], size: ImageSize) -> bool:
+    """Whether numbers are probably fx, fy, cx and cy, in this order."""
+    if len(numbers) != 4:
+        return False
+    fx, fy, cx, cy = numbers
+    width, height = size()
+    is_middle = max(abs(cx / width - 0.5), abs(cy / height - 0.5)) < _MOST_OFF_MIDDLE
+    return is_middle and fx > _LEAST_FOCAL * width and abs(fx - fy) < _MOST_UNEVEN * fx
+
+
+def read_matrix(path: Path, text: str, size: ImageSize, baseline_m: float | None) -> Calibration:
     """Return the rectified pair of two cameras that share this matrix.
 
-    The matrix is on one line (``700 0 639.5 0 700 359.5 0 0 1``) or on three, the baseline alone (``0.12``) or with a
-    name (``baseline: 0.12``). ``baseline_m`` is used for a file that does not hold one.
+    The matrix is on one line (``700 0 639.5 0 700 359.5 0 0 1``, or ``700 700 639.5 359.5``) or on three, the baseline
+    alone (``0.12``) or with a name (``baseline: 0.12``). ``baseline_m`` is used for a file that does not hold one.
 
     Raises
     ------
@@ -154,7 +182,7 @@ def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
         If there are not nine numbers, and at most one after them, they are no camera matrix, or no baseline is known
         (:class:`IncompleteCalibrationError`).
     """
-    values = [value for line in _bare_lines(text) for value in floats(_BASELINE.sub("", line)) or [math.nan]]
+    values = bare_numbers(text, size)
     if len(values) not in (9, 10) or not np.isfinite(values).all():
         raise VfoaError(f"{path}: found {len(values)} values; expected a camera matrix of 3 x 3 numbers and a baseline")
     k = camera_matrix(values[:9], path)
