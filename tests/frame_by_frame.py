@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -99,10 +99,11 @@ class JudgedPart:
             self.by_subject.setdefault(subject, {})[record.frame] = judgement
 
 
-def _aim(record: FrameRecord, person: SubjectRecord | None, right: Iterable[int | None]) -> tuple[float, ...]:
+def _aim(record: FrameRecord, person: SubjectRecord | None, right: Sequence[int | None]) -> tuple[float, ...]:
     """A person's direction (the gaze's, else the head's) and the vector to the box looked at; nothing if not known."""
-    box = next((box for number in right if number is not None and (box := record.target(number).box)), None)
-    if person is None or person.eye_origin_m is None or box is None:
+    if person is None or person.eye_origin_m is None or len(right) != 1 or right[0] is None:
+        return ()
+    if (box := record.target(right[0]).box) is None:
         return ()
     to_target = (end - start for end, start in zip(box.center_m, person.eye_origin_m, strict=True))
     return (*direction, *to_target) if (direction := person.gaze or person.head) else ()

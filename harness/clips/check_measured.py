@@ -80,13 +80,15 @@ def _forward_notes(clip: WornBodies, people: Mapping[str, int], aims: Sequence[_
 
 
 def _aim(manifest: ClipManifest, clip: MeasuredClip, number: int, subject: str, label: Label) -> _Aim | None:
-    """A look of the labels; None if its eyes, direction or target are not known."""
+    """A look of the labels; None if its eyes, direction or target are not known, or several may be meant."""
     scene = clip.scene(number)
     own, aimed_at = _ids(manifest, clip, subject), _ids(manifest, clip, label.target)
-    person = next((person for person in scene.people if person.instance_id in own), None)
-    boxes = (target.box for target in scene.targets if target.instance.id in aimed_at)
-    box = next((box for box in boxes if box is not None), None)
-    if person is None or box is None or person.eye_origin_left is None:
+    people = [person for person in scene.people if person.instance_id in own]
+    boxes = [target.box for target in scene.targets if target.instance.id in aimed_at]
+    if len(people) != 1 or len(boxes) != 1:
+        return None
+    person, box = people[0], boxes[0]
+    if box is None or person.eye_origin_left is None:
         return None
     measured = person.view.gaze or person.view.head_pose
     if measured is None or person.instance_id is None:

@@ -383,12 +383,14 @@ class _SubjectAnswers:
         return np.stack([chances, on_truth, (1 - on_truth) ** 2 + wrong, sizes, is_covered & has_set], axis=1)
 
     def aims(self, directions: Float) -> tuple[Float, Flags]:
-        """Each direction with the vector from the eyes to what the label says (n, 2, 3), and whether both are known."""
-        with_box = self.right & self.has_box
-        first = np.argmax(with_box, axis=1)
+        """Each direction with the vector from the eyes to what the label says (n, 2, 3), and whether both are known.
+
+        Of several objects that are right, nobody says which one the direction is to.
+        """
+        first = np.argmax(self.right, axis=1)
         centers = np.take_along_axis(self.centers_m, first[:, None, None], axis=1)[:, 0]
         aims = np.stack([directions, centers - self.pair.columns.looks.eyes_m[self.people]], axis=1)
-        return aims, with_box.any(axis=1) & ~np.isnan(aims).any(axis=(1, 2))
+        return aims, (self.right.sum(axis=1) == 1) & ~np.isnan(aims).any(axis=(1, 2))
 
 
 def _of_names(totals: Float, names: Codes) -> tuple[Float, Flags]:

@@ -114,3 +114,26 @@ def test_the_check_of_a_clip_and_the_table_say_so(tmp_path: Path, monkeypatch: p
     (said,) = (note.text for note in scores.notes if note.kind is NoteKind.DOUBT)
     assert said.startswith("wrong under default: with x negated, ")
     assert said in terminal_table(scores).notes
+
+
+@pytest.mark.parametrize(("category", "is_questioned"), [("book", True), ("cup", False)])
+def test_a_label_that_several_objects_have_does_not_question_the_axes(
+    category: str, is_questioned: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ann looks at one of two things on both sides, and at a lamp; the label is of the other one, or of any cup."""
+    monkeypatch.chdir(tmp_path)
+    looks = [((0, 0.28, -0.96), (0.6, 0, -0.8))[n // 4 % 2] for n in range(160)]
+    rows = [f"{n},{n / 10},ann,0,0,3,{x},{y},{z}\n" for n, (x, y, z) in enumerate(looks)]
+    write_text(
+        tmp_path / "talk" / "people.csv", f"frame,time_s,person,x_m,y_m,z_m,gaze_x,gaze_y,gaze_z\n{''.join(rows)}"
+    )
+    objects = f",a,cup,-0.8,0,2\n,b,{category},0.8,0,2\n,c,lamp,0,0.3,2\n"
+    write_text(tmp_path / "talk" / "objects.csv", f"frame,object,category,x_m,y_m,z_m\n{objects}")
+    names = "".join(f"[targets.{name}]\ncategory = '{name}'\n" for name in dict.fromkeys(("cup", category, "lamp")))
+    source = f'name = "talk"\nadapter = "measured"\nroot = "../talk"\n{FILES}'
+    write_text(tmp_path / "datasets" / "talk.toml", f"{source}[subjects.ann]\ncategory = 'person'\n{names}")
+    rows = [f"{n},{n + 3},ann,{('lamp', 'cup')[n // 4 % 2]}," for n in range(0, 160, 4)]
+    write_text(tmp_path / "annotations" / "talk.csv", labels_text(*rows))
+    checked = check_clip("talk")
+    assert checked.problems == ()
+    assert [note.partition(",")[0] for note in checked.notes] == ["with x negated"] * is_questioned

@@ -10,7 +10,7 @@ import pytest
 from harness.run.notes import NoteKind
 from harness.score.reference import Reference
 from harness.score.score import score as score_columns
-from tests.records import columns_by_pair, frame_record, score, subject_record, target_record
+from tests.records import columns_by_pair, frame_record, labels, score, subject_record, target_record
 
 
 @pytest.mark.parametrize(
@@ -131,3 +131,19 @@ def test_eyes_too_far_for_the_stereo_pair_are_told(depth_m: float, matcher: str 
     assert ["6.0 m away (median), where half a pixel of disparity is 0.30 m" in note.text for note in notes] == (
         [True] * is_told
     )
+
+
+@pytest.mark.parametrize(("names", "is_questioned"), [(("cup", "book"), True), (("cup", "cup"), False)])
+def test_labels_of_which_several_objects_are_right_do_not_question_the_axes(
+    names: tuple[str, str], is_questioned: bool
+) -> None:
+    """A person looks at the right one of two objects on both sides: with x negated, that would be the left one."""
+    centers = ((-0.8, 0.0, 2.0), (0.8, 0.0, 2.0))
+    things = [target_record(n, names[n - 1], center=centers[n - 1]) for n in (1, 2)]
+    ahead = target_record(3, "lamp", center=(0.0, 0.3, 2.0))
+    ways = ((0.8, 0.0, 1.0), (0.0, 0.3, 1.0))
+    girl = subject_record("girl", eyes=(0.0, 0.0, 1.0))
+    records = [frame_record([*things, ahead], [replace(girl, gaze=ways[n % 8 > 3])], frame=n) for n in range(1, 161)]
+    told = labels(*("lamp" if n % 8 > 3 else "cup" for n in range(1, 161)))
+    notes = [note.text for note in score(records, Reference(labels={"clip": told})).notes]
+    assert [True for text in notes if "x negated" in text] == [True] * is_questioned
