@@ -92,7 +92,6 @@ document.getElementById("next").addEventListener("click", () => step(1));
 document.getElementById("previous").addEventListener("click", () => step(-1));
 window.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.("input, select")) return;
-  if (event.key === "Tab") event.stopPropagation(); // the viewer would keep the focus, and no list be reached by keys
   const by = { n: 1, p: -1 }[event.key.toLowerCase()];
   if (by) step(by);
   if (event.key.toLowerCase() === "w") {

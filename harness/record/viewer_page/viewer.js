@@ -52,6 +52,10 @@ window.fetch = (what, how) => {
   return ask(new Request(request, { credentials: "same-origin" }));
 };
 
+window.addEventListener("keydown", (event) => {
+  if (event.key === "Tab") event.stopPropagation(); // the viewer would keep the focus
+}, { capture: true });
+
 async function fetched(url) {
   const answer = await fetch(url);
   if (!answer.ok) throw new Error(await answer.text());
