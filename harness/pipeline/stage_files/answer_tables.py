@@ -33,6 +33,7 @@ from harness.clips.naming import is_automatic
 from harness.files.safe_names import composed
 from harness.files.tables import TableColumns, read_columns
 from harness.labels.labels import NOWHERE
+from harness.pipeline.stage_files.heads import frame_numbers
 from harness.sources.measured.idiap import answers_of_idiap, is_tracker_output
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import NoAttention
@@ -267,7 +268,7 @@ def _frames(table: _CheckedTable, frames: Sequence[int], times_ns: Sequence[int]
     if len(given) != 1:
         found = " and ".join(given) or "neither"
         raise VfoaError(f"{columns.path}:1: found {found} of the columns {' and '.join(KEYS)}; expected one of them")
-    numbers = _by_time(columns, frames, times_ns) if given == ["time_s"] else columns.integers("frame") + offset
+    numbers = _by_time(columns, frames, times_ns) if given == ["time_s"] else frame_numbers(columns) + offset
     outside = np.flatnonzero(~np.isin(numbers, np.array([*frames], np.int64)))
     if len(outside):
         row, first, last = int(outside[0]), frames[0], frames[-1]

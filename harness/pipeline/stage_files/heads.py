@@ -6,9 +6,10 @@ frame,subject,u0_px,v0_px,u1_px,v1_px[,score][,instance_id]
 
 A table of OpenFace or gaze3d is read, too (:mod:`harness.pipeline.stage_files.other_programs`).
 
-Pixels of the rectified left image, (u0, v0) the upper left and (u1, v1) the lower right corner; the whole head, not the
-face alone. The landmarks are the person's own right and left. ``instance_id`` is the person's id in the masks. A frame
-without a row has no heads.
+``frame`` is its number, or the name of its image, such as ``00070.png``, which has it. Pixels of the rectified left
+image, (u0, v0) the upper left and (u1, v1) the lower right corner; the whole head, not the face alone. The landmarks
+are the person's own right and left. ``instance_id`` is the person's id in the masks. A frame without a row has no
+heads.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from harness.files.remote import expand
 from harness.files.tables import TableColumns, read_columns
 from harness.pipeline.stage_files.other_programs import Part, program_of, read_part
 from harness.sources import Clip
+from harness.sources.media.frame_files import IMAGE_SUFFIXES, number_names
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Head, Instances, StereoFrame
@@ -85,7 +87,7 @@ def read_table(path: Path, part: Part, columns: Sequence[str], frames: Sequence[
     """
     program = program_of(path)
     content = read_part(path, program, part, frames) if program else read_columns(path, (*KEYS, *columns), KEYS)
-    numbers = content.integers("frame")
+    numbers = frame_numbers(content)
     order = np.argsort(numbers, kind="stable")
     table = FrameTable(columns=content, frames=numbers, order=order, subjects=content.cells["subject"])
     content.refuse_first(
@@ -98,6 +100,21 @@ def read_table(path: Path, part: Part, columns: Sequence[str], frames: Sequence[
     )
     content.refuse_repeated(f"frame {frame}, subject {subject!r}" for frame, subject in table.pairs())
     return table
+
+
+def frame_numbers(columns: TableColumns) -> NDArray[np.int64]:
+    """The frame (n,) of each row: its number, or that in the name of its image.
+
+    Raises
+    ------
+    VfoaError
+        If a cell is neither, or the names of images do not differ in one number.
+    """
+    names = {*columns.cells["frame"]}
+    if not names or any(PurePath(name).suffix.lower() not in IMAGE_SUFFIXES for name in names):
+        return columns.integers("frame")
+    numbers = {name: number for number, name in number_names(names, f"{columns.path}: frame").items()}
+    return np.array([numbers[name] for name in columns.cells["frame"]], np.int64)
 
 
 BOX = ("u0_px", "v0_px", "u1_px", "v1_px")

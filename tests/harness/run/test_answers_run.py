@@ -204,8 +204,10 @@ def test_probabilities_are_judged(talk: Path, has_targets: bool) -> None:
         ({"attention.frame_offset": 1}, "{before},{subject},{target}", "frame,subject,target", 24),
         ({}, "{frame},{subject},cup#4", "frame,subject,target", 0),
         ({}, "{frame};{subject};{target}", "Frame;Subject;TARGET", 24),
+        ({}, "left/{frame:05d}.png,{subject},{target}", "frame,subject,target", 24),
+        ({"attention.frame_offset": 1}, "{before:05d}.jpg,{subject},{target}", "frame,subject,target", 24),
     ],
-    ids=["times", "frames from 0", "an object without a name", "capitals"],
+    ids=["times", "frames from 0", "an object without a name", "capitals", "images", "images from 0"],
 )
 def test_frames_and_objects_are_said_otherwise(
     talk: Path, settings: dict[str, object], row: str, header: str, correct: int

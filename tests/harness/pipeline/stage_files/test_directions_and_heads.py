@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -196,6 +197,20 @@ def test_a_face_is_where_angles_are_seen(tmp_path: Path) -> None:
     found = _gaze(tmp_path).estimate(FRAME, Head(box_px=RIGHT, score=1.0), None)
     assert found is not None
     assert found.direction == pytest.approx(-pixel_ray(51, 25, FRAME.rig))
+
+
+def test_frames_may_be_the_names_of_images(tmp_path: Path) -> None:
+    """As a script that runs on the exported images has them."""
+    rows = [f"out/left/{n:05d}.png,{name},{n},2,{n + 9},4\n" for n in (70, 71) for name in ("anna", "ben")]
+    clip = _written(tmp_path / "heads.csv", HEADS + "".join(rows))
+    found = read_heads(tmp_path / "heads.csv", clip)
+    assert {name: head.box_px[0] for name, head in found.of(70).items()} == {"anna": 70, "ben": 70}
+    assert [head.box_px[0] for head in found.of(71).values()] == [71, 71]
+    write_text(tmp_path / "gaze.csv", "frame,subject,theta_deg,phi_deg\n00070.png,anna,0,0\n")
+    gaze = FileGaze(FileGazeSettings(root=str(tmp_path)), clip)
+    head = Head(box_px=np.array([70.0, 2, 79, 4]), score=1.0)
+    estimates = [gaze.estimate(replace(FRAME, index=number), head, None) for number in (70, 71)]
+    assert [estimate is not None for estimate in estimates] == [True, False]
 
 
 def test_heads_come_in_the_order_of_their_rows_and_a_frame_without_rows_has_none(tmp_path: Path) -> None:
