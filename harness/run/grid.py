@@ -20,6 +20,8 @@ PRESET = "preset"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]*")
 ORACLE_STEPS = ("disparity", "instances", "heads", "head_pose", "gaze")
 """What the ground truth can replace, in the order of the pipeline: ``sgbm-one+disparity`` is a step of the ablation."""
+OF_LAYERS = ("scene", "verdicts")
+"""Ends of names of a recording's files after its configuration's name (:class:`harness.record.layers.ClipFiles`)."""
 _SEED = re.compile(r"\.seed\d+(?=\+|$)")
 
 
@@ -62,6 +64,12 @@ def variants(
             raise VfoaError(
                 f"{where}: configuration {name!r}: expected another name beside {before!r}: --oracle gives this one to "
                 f"{before!r} with the true {step}"
+            )
+        before, _, layer = name.rpartition(".")
+        if before in names and layer in OF_LAYERS:
+            raise VfoaError(
+                f"{where}: configuration {name!r}: expected another name beside {before!r}, one of whose recording's "
+                "files is called so"
             )
     return found
 

@@ -17,6 +17,7 @@ from harness.record.reading import RecordingFile, reading
 from harness.record.recorder import Recorder, SharedRecorder, noted_colours
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory, new_run_id
+from harness.run.grid import OF_LAYERS
 from harness.run.table_records import TableReader, read_records
 from tests.harness.record.conftest import ANN, LABEL, LABELS, LAYERS, four_frames, under, write_run
 from tests.harness.record.conftest import shared as seen_by
@@ -38,6 +39,12 @@ def test_a_layer_is_named_after_the_first_configuration_that_has_it():
         "b": LayerNames(configuration="b", masks="a", reconstruction="a"),
         "c": LayerNames(configuration="c", masks="a", reconstruction="c"),
     }
+
+
+def test_the_names_that_an_experiment_refuses_are_those_of_other_files_of_a_recording():
+    files = ClipFiles(run=Path("run"), clip="clip")
+    others = {files.reconstruction("a"), files.verdicts("a")}
+    assert others == {files.attention(f"a.{end}") for end in OF_LAYERS}
 
 
 @pytest.fixture(scope="module")
