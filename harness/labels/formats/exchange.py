@@ -100,8 +100,8 @@ class NameLog:
     def expect(self, name: str, known: Collection[str], kind: str, where: str, subject: str | None = None) -> str:
         """Our name for theirs. An unknown one is recorded; :meth:`check` reports all of them at once."""
         ours = self.translate(name, subject)
-        if subject is not None:  # a tier or a label is called as its target: --rename mug=anna:mug
-            ours = ours.removeprefix(f"{subject}:")
+        if ours.endswith(f":{composed(name)}"):  # of a tier that is called as its target: --rename mug=anna:mug
+            ours = composed(name)
         if ours not in known:
             former = self.former if kind == "target" else {}
             self._unknown.setdefault((kind, name), (where, f"{ours!r}; {expected_name(ours, known, former)}"))
