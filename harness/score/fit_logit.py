@@ -199,7 +199,9 @@ def answers(person: LabelledPerson, weights: LogitWeights, smoothing: Smoothing)
         chance = target_probabilities(seen, getattr(cases, seen.case), after[k])
         chances = dict(zip((None, *seen.ids), [1 - float(chance.sum()), *chance.tolist()], strict=True))
         best = max(chances, key=lambda answer: chances[answer])  # nowhere, if it is as likely
-        outcomes.append((best in right, chances[best], sum(chances[answer] for answer in right)))
+        together = next((group for group in person.alike[k] if best in group), (best,))
+        of_best, of_true = (sum(chances.get(answer, 0.0) for answer in group) for group in (together, right))
+        outcomes.append((best in right, of_best, of_true))
     return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
 
 

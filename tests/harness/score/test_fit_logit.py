@@ -105,20 +105,22 @@ def test_a_fit_says_what_it_rests_on_and_what_it_is_worth(fitted: Path) -> None:
 
 
 def test_any_object_of_the_name_that_a_label_has_is_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in the scores of a run: there are two robots, and people look at the second one."""
+    """As in the scores of a run: there are two robots beside each other, and people look at the second one."""
     monkeypatch.chdir(tmp_path)
     labelled_clips(tmp_path, ("one", "two"), 30)
     for name in ("one", "two"):
         objects, manifest = tmp_path / "data" / name / "objects.csv", tmp_path / "datasets" / f"{name}.toml"
         header, *rows = objects.read_text(encoding="utf-8").splitlines()
-        write_text(objects, "\n".join([header, ",other,robot,-3,0,1,0.3,0.3,0.3", *rows]) + "\n")
+        write_text(objects, "\n".join([header, ",other,robot,-0.2,0,0,0.3,0.3,0.3", *rows]) + "\n")
         numbered = manifest.read_text(encoding="utf-8")
         write_text(manifest, re.sub(r'(category = "(?:robot|cup)"\n)instance = \d+\n', r"\1", numbered))
     found = fit_logit(read_labelled(_plain_run(tmp_path)))
     scores = {each.method: each for each in found.fit.held_out}
     assert scores["two cones"].frr == 1
     assert scores["default weights, forward"].frr == scores["forward"].frr
-    assert scores["default weights, forward"].log_loss == pytest.approx(scores["forward"].log_loss, abs=1e-3)
+    for value in ("log_loss", "calibration_error"):
+        expected = getattr(scores["forward"], value)
+        assert getattr(scores["default weights, forward"], value) == pytest.approx(expected, abs=1e-3)
     assert scores["fitted, forward"].log_loss < scores["default weights, forward"].log_loss
 
 
