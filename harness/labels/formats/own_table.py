@@ -114,7 +114,7 @@ class OwnTable(ReadOnly):
         """Read labels. Without a column of subjects they are those of the clip's only one."""
         check_no_recording(path)
         rows = _of_recording(of_eye_tracker(even_rows(path), path), exchange, path)
-        rows = with_frames_of_images(rows, _meant(rows[0][1]), path)
+        rows = with_frames_of_images(rows, _meant(rows[0][1]), exchange.frames, path)
         return from_rows(_by_target(_by_subject(rows, exchange), exchange, path), exchange, path)
 
 

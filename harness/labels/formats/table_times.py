@@ -14,6 +14,7 @@ from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange
 from harness.labels.labels import Timeline
 from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES, number_names
+from harness.sources.media.frame_times import TICKS_NS, stamp_unit
 from vfoa.errors import VfoaError
 
 Cells = tuple[str, Mapping[str, str]]
@@ -131,10 +132,13 @@ _OF_IMAGES = (
 _OF_FILES = ("filename", "file_name", "file", "file_path", "filepath", "path")
 
 
-def with_frames_of_images(rows: Sequence[Row], meant: Sequence[str | None], path: Path) -> Sequence[Row]:
+def with_frames_of_images(
+    rows: Sequence[Row], meant: Sequence[str | None], frames: Sequence[int], path: Path
+) -> Sequence[Row]:
     """A header and rows with a column ``frame``, of those with the names of images in it, or in place of it.
 
     ``meant`` is what each column is known as. Names of images do not count beside other columns of frames or times.
+    Of images that are named by times, as those of a recording, and not by ``frames``, the column is ``time_ns``.
 
     Raises
     ------
@@ -144,26 +148,32 @@ def with_frames_of_images(rows: Sequence[Row], meant: Sequence[str | None], path
     (line, header), *lines = rows
     if "frame" in meant:
         place, is_short = meant.index("frame"), False
-    elif any(name and name.endswith((*_TIMES, "_frame")) for name in meant):
+    elif any(_is_time(name) or (name and name.endswith("_frame")) for name in meant):
         return rows
     else:
         places = [at for at, name in enumerate(header) if plain_name(name) in (*_OF_IMAGES, *_OF_FILES)]
         if len(places) != 1:
             return rows
         place, is_short = places[0], plain_name(header[places[0]]) in _OF_IMAGES
-    names = {cells[place] for _, cells in lines if not is_missing(cells[place])}
+    names, column = {cells[place] for _, cells in lines if not is_missing(cells[place])}, "frame"
     if all(_frame_number(name) is not None for name in names):
         numbers = {name: name for name in names}
     elif all(_is_image(name, is_short=is_short) for name in names):
         own = _before_upload(names)
         of_own = {name: n for n, name in number_names({*own.values()}, f"{path}: {header[place]}").items()}
-        numbers = {name: str(of_own[own[name]]) for name in names}
+        numbers, unit = {name: str(of_own[own[name]]) for name in names}, stamp_unit(of_own.values())
+        if unit is not None and not {*of_own.values()} <= {*frames} and not any(map(_is_time, meant)):
+            column, numbers = "time_ns", {name: str(int(n) * TICKS_NS[unit]) for name, n in numbers.items()}
     else:
         return rows
     return [
-        (line, [*header[:place], "frame", *header[place + 1 :]]),
+        (line, [*header[:place], column, *header[place + 1 :]]),
         *((at, [*cells[:place], numbers.get(cells[place], ""), *cells[place + 1 :]]) for at, cells in lines),
     ]
+
+
+def _is_time(column: str | None) -> bool:
+    return column is not None and column.endswith(_TIMES)
 
 
 _UPLOADED = re.compile(r"(?<![^/])([0-9a-f]{8})-(?=[^/]+$)")

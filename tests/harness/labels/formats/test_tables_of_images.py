@@ -61,6 +61,17 @@ def test_names_of_label_studio_are_those_before_the_upload(tmp_path: Path) -> No
     )
 
 
+@pytest.mark.parametrize("name", ["{s}.{us:06d}.png", "{s}{us:06d}.png", "{s}_{us:06d}000.png"])
+def test_images_of_a_recording_are_known_by_their_stamps(tmp_path: Path, name: str) -> None:
+    """The clip's frames are counted from 1; each image is that of the frame at its time."""
+    start_s = 1_718_000_000
+    clip = PlainClip(frames=range(8, 13), rate_hz=10.0, start_ns=start_s * 10**9)
+    times_us = [n * 100_000 + 300 for n in clip.frames]
+    names = [name.format(s=start_s + us // 10**6, us=us % 10**6) for us in times_us]
+    text = "\n".join(["image,who,label", *(f"{each},girl,{look}" for each, look in zip(names, LOOKS, strict=True))])
+    assert _read(tmp_path, text, clip) == Labels([row(8, 9, "bird"), row(10, 12, "none")])
+
+
 @pytest.mark.parametrize("columns", ["filename,first_frame,last_frame", "filename,start_ms,end_ms"])
 def test_the_name_of_a_film_beside_frames_or_times_is_none_of_an_image(tmp_path: Path, columns: str) -> None:
     ends = "1,2" if "frame" in columns else "0,200"
