@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from harness.labels.labels import NOWHERE, Label
 from harness.record.appearance import Colour, Colours, target_names, totals_by_name
 from harness.record.frame_reading import FrameContent
-from harness.report.figures.style import INK, OFF, RIGHT, SOFT, canvas, is_wide
+from harness.report.figures.style import INK, OFF, RIGHT, SOFT, add_legend_below, canvas, is_wide
 from harness.run.records import BoxRecord, FrameRecord
 from harness.score.verdicts import Verdict, answered, find_subject, true_targets
 from vfoa.types import Cue, Float
@@ -80,7 +80,7 @@ def strip(failure: WrongFrame, width: float) -> Figure:
     figure.suptitle(failure.title, fontsize=7, wrap=True)
     handles = [*curves.get_lines(), *_marks(failure.content.cones)]
     named = [handle for handle in handles if not str(handle.get_label()).startswith("_")]
-    figure.legend(handles=named, loc="outside lower center", ncols=7 if wide else 3)
+    add_legend_below(figure, named, columns=7 if wide else 3)
     return figure
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib import font_manager
@@ -87,6 +89,17 @@ def canvas(width_inch: float, height_inch: float) -> Figure:
     """A figure whose parts, legends included, keep clear of each other and of its edges."""
     layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03)
     return Figure(figsize=(width_inch, height_inch), layout=layout, facecolor="white")
+
+
+def add_legend_below(figure: Figure, handles: Sequence[Any], columns: int) -> None:
+    """Add a legend in as many columns as fit, ``columns`` at most; further lines make the figure higher."""
+    for fewer in range(columns, 0, -1):
+        legend = figure.legend(handles=handles, loc="outside lower center", ncols=fewer)
+        if legend.get_window_extent().width <= figure.bbox.width or fewer == 1:
+            break
+        legend.remove()
+    further = math.ceil(len(handles) / fewer) - math.ceil(len(handles) / columns)
+    figure.set_figheight(figure.get_figheight() + 0.14 * further)
 
 
 def saved(figure: Figure, kind: str) -> bytes:

@@ -344,6 +344,32 @@ def test_the_curves_of_probabilities_include_that_of_looking_at_nothing() -> Non
         assert found == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("width", WIDTHS_INCH.values())
+@pytest.mark.parametrize(
+    "longest", ["remote control of the television", "the third book from the left on the upper shelf"]
+)
+def test_the_legend_of_a_failure_is_inside_with_long_names(longest: str, width: float) -> None:
+    names = {"red cup": "coffee machine", "book#4": longest}
+    record = renamed(four_frames()[3].record, names)
+    (subject,) = record.subjects
+    values = tuple(replace(value, total=0.3) for value in subject.attention)
+    record = replace(record, subjects=(replace(subject, attention=values),))
+    label = Label(target="coffee machine")
+    verdict = judge(record, ANN, label)
+    nothing = FrameContent(image=None, masks=None, clouds={}, cones={})
+    failure = WrongFrame(
+        verdict=verdict, label=label, content=nothing, records=[record], verdicts=[verdict], targets=["coffee machine"]
+    )
+    with styled():
+        figure = strip(failure, width)
+        saved(figure, "svg")  # lays it out
+        (legend,) = figure.legends
+        extent = legend.get_window_extent()
+    assert {*names.values()} <= {text.get_text() for text in legend.get_texts()}
+    assert 0 <= extent.x0 < extent.x1 <= figure.bbox.x1
+    assert not any(extent.overlaps(axes.get_window_extent()) for axes in figure.axes)
+
+
 def test_a_failure_that_is_not_there_is_named(
     recorded: Path, tmp_path: Path, no_pdf: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
