@@ -293,12 +293,12 @@ PARSERS: Sequence[Parser] = (
     Parser(
         "matrix calibration",
         "K.txt",
-        (whole.MATRIX, whole.FOUNDATION),
+        (whole.MATRIX, whole.FOUNDATION, whole.NAMED),
         lambda path: read_cameras([path], lambda: whole.SIZE, Options(baseline_m=0.1)),
     ),
     Parser("one camera, ROS", "camera.yaml", whole.ros(0), _camera),
     Parser("one camera, JSON", "camera.json", (whole.OPEN3D, whole.REALSENSE), _camera),
-    Parser("one camera, numbers", "camera.txt", (whole.MATRIX,), _camera),
+    Parser("one camera, numbers", "camera.txt", (whole.MATRIX, whole.NAMED), _camera),
     Parser("Sintel camera", "frame.cam", lambda path: path.write_bytes(sintel_camera(100.0)), read_camera),
     Parser("JSON that is no source", "layout.json", '[{"timestamp": {"sec": 1}, "frame": "left"}]', refuse_foreign),
     # Images and maps

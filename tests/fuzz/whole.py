@@ -74,6 +74,8 @@ LOOKS = (
     "frame,subject,target\n1,girl,bird\n2,girl,bird\n1,boy,girl\n",
     "time_ns,subject,target\n40000000,girl,bird\n81000000,girl,none\n",
     "start_ns,end_ns,subject,target\n40000000,81000000,girl,bird\n",
+    "image,girl\nleft/0a1b2c3d-frame_000001.png,bird\nleft/1a1b2c3d-frame_000002.png,none\n",
+    "image,person,label\n1718000000.100000.png,girl,bird\n1718000001.100000.png,girl,bird\n",
 )
 AOI_FIXATIONS = (
     "aoi id,aoi name,section id,recording id,fixation id,fixation duration [ms]\n"
@@ -130,6 +132,11 @@ CVAT = (
         '<image id="1" name="a/2.jpg" width="64" height="48"><ellipse label="cup" cx="9" cy="8" rx="3" ry="2"/>'
         "</image>",
     ),
+    cvat_document(
+        '<image id="0" name="a/1.jpg" width="64" height="48"><tag label="girl:bird"/></image>',
+        '<image id="1" name="a/2.jpg" width="64" height="48"><tag label="girl"><attribute name="looks_at">bird'
+        "</attribute></tag></image>",
+    ),
 )
 COCO = (
     '{"images": [{"id": 1, "file_name": "a/1.jpg", "width": 64, "height": 48}, {"id": 2, "file_name": "a/2.jpg"}], '
@@ -140,6 +147,7 @@ COCO = (
     '{"images": [{"id": 1, "file_name": "frame_000000.png"}, {"id": 2, "file_name": "frame_000001.png"}], '
     '"categories": [{"id": 1, "name": "bird"}], '
     '"annotations": [{"image_id": 2, "category_id": 1, "bbox": [4, 4, 16, 16], "track_id": 3}]}',
+    '[{"image_id": 1, "category_id": 16, "bbox": [4, 4, 16, 16], "score": 0.9}]',
 )
 COCO_MASKS = (
     '{"images": [{"id": 1, "file_name": "a/1.jpg"}, {"id": 2, "file_name": "a/2.jpg"}], '
@@ -182,6 +190,7 @@ MIDDLEBURY = (
 )
 MATRIX = "600 0 320\n0 610 240\n0 0 1\n"
 FOUNDATION = "754.6 0.0 489.3 0.0 754.6 265.2 0.0 0.0 1.0\n0.063\n"
+NAMED = "fx: 600.5\nfy: 601\ncx: 319.5\ncy = 239.5\nbaseline_mm: 120\n"
 RIG, SIZE = calibrations.RIG, calibrations.SIZE
 REALSENSE = json.dumps(
     {
