@@ -34,6 +34,11 @@ _ONE_ARRAY = (
     "one array of NumPy",
     f"expected all matrices of the pair by {SAVE}; of a folder of arrays with such names, {FROM_ARRAYS}",
 )
+_TOML = (
+    "a file in TOML (Anipose, FreeMoCap and Pose2Sim save the poses of cameras in a room so)",
+    f"expected the pair by {SAVE}, of R0 t0 and R1 t1, the rotations (cv2.Rodrigues) and translations of its left and "
+    'right camera: R = R1 @ R0.T, T = t1 - R @ t0 (not in metres: calibration_unit = "mm")',
+)
 _MAPS = (
     "rectification maps of initUndistortRectifyMap, from which the cameras are not known",
     "expected the matrices that they were made from: K1 D1 K2 D2 with R T or R1 R2 P1 P2",
@@ -43,6 +48,7 @@ _BY_SUFFIX = {
     **dict.fromkeys((".pkl", ".pickle", ".p", ".joblib"), _PICKLE),
     **dict.fromkeys((".h5", ".hdf5"), _HDF5),
     ".npy": _ONE_ARRAY,
+    ".toml": _TOML,
 }
 _BY_HEAD = (
     (re.compile(rb"\x80[\x02-\x05]"), _PICKLE),

@@ -114,6 +114,7 @@ FOREIGN: dict[str, tuple[Callable[[Path], object], str]] = {
     "stereo_objects.mat": (lambda path: savemat(path, {"stereoParams": {"K": 1.0}}), "a file of MATLAB"),
     "stereo_new.mat": (lambda path: write_bytes(path, b"MATLAB 7.3 MAT-file, Platform: PCWIN64"), "a file of MATLAB"),
     "calibration.h5": (lambda path: write_bytes(path, b"\x89HDF\r\n\x1a\n"), "a file of HDF5"),
+    "Calib_board.toml": (lambda path: write_text(path, '[cam_0]\nname = "left"\n'), "a file in TOML"),
     "camera_matrix.npy": (lambda path: np.save(path, NODES["K1"]), "one array of NumPy"),
     "stereo_calib.npz": (_npz(calibration=np.array(NODES, object)), "objects of Python"),
     "stereoMap.npz": (_npz(**MAPS), "rectification maps"),
