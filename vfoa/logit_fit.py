@@ -59,14 +59,14 @@ class LabelledSequence:
     def label_s(self) -> Float:
         """The time (n,) that a label of each frame stands for, seconds.
 
-        It is the time to the next frame; of labels that are sparser, to the next label, but at most the usual one.
+        It is the time to the next frame; of labels that are sparser, to the next label, but at most the usual one. The
+        last label stands for the usual time, and one alone for ``INDEPENDENT_S``.
         """
         seconds = np.array(self.gaps_s[: len(self.times_s)])
-        labelled = [place for place, right in enumerate(self.targets) if right]
-        if len(labelled) > 1:
-            to_next_s = np.diff([*(self.times_s[place] for place in labelled), self.times_s[-1]])
-            usual_s = np.minimum(to_next_s, np.median(to_next_s[:-1]))
-            seconds[labelled] = np.maximum(seconds[labelled], usual_s)
+        if labelled := [place for place, right in enumerate(self.targets) if right]:
+            to_next_s = np.diff([self.times_s[place] for place in labelled])
+            usual_s = np.median(to_next_s) if len(to_next_s) else INDEPENDENT_S
+            seconds[labelled] = np.maximum(seconds[labelled], np.minimum([*to_next_s, usual_s], usual_s))
         return seconds
 
 

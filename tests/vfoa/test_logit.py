@@ -313,6 +313,13 @@ def test_frames_without_targets_say_nothing_of_the_weights() -> None:
     assert fitted.forward.both.vector == pytest.approx(expected.forward.both.vector)
 
 
+def test_clips_of_one_frame_are_fitted() -> None:
+    seen, _ = observe(looking(LEFT, LEFT), TARGETS, {}, Means(), 0.04, by_posterior())
+    one = LabelledSequence(group="a", times_s=[3.0], seen=[seen], targets=[(None,)])
+    fitted = fit([one] * 20, ["forward"]).forward.both
+    assert fitted.constant < default_weights().forward.both.constant - 0.5  # targets are less likely
+
+
 def test_a_label_stands_for_the_time_to_the_next_one() -> None:
     """Labels of every fifth frame weigh as much as those of a clip that has no other frames; a pause weighs nothing."""
     subjects = [
@@ -331,10 +338,8 @@ def test_a_label_stands_for_the_time_to_the_next_one() -> None:
         seen=seen,
         targets=[target if k % 5 == 0 else () for k, target in enumerate(targets)],
     )
-    alone = LabelledSequence(
-        group="a", times_s=[*np.arange(0, 10, 0.5), 9.9], seen=[*seen[::5], seen[-1]], targets=[*targets[::5], ()]
-    )
-    assert sparse.label_s[::5] == pytest.approx([0.5] * 19 + [0.4])
+    alone = LabelledSequence(group="a", times_s=np.arange(0, 10, 0.5), seen=seen[::5], targets=targets[::5])
+    assert sparse.label_s[::5] == pytest.approx([0.5] * 20)
     fitted, expected = (fit([each], ["forward"]).forward.both.vector for each in (sparse, alone))
     assert fitted == pytest.approx(expected)
 

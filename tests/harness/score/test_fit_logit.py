@@ -268,8 +268,8 @@ def test_labels_of_every_fifth_frame_are_as_many_seconds_as_those_of_all(
     write_text(path, labels_text(*sparse_rows))
     sparse = read_labelled(directory)
     assert [len(person.labelled) for person in sparse.people] == [8, 8]
-    assert [person.labelled_s for person in sparse.people] == pytest.approx([7.8] * 2)
-    assert [person.labelled_s for person in dense.people] == pytest.approx([7.8] * 2)
+    assert [person.labelled_s for person in sparse.people] == pytest.approx([8.0] * 2)
+    assert [person.labelled_s for person in dense.people] == pytest.approx([8.0] * 2)
     assert [len(person.first(4.0).labelled) for person in sparse.people] == [4, 4]
 
 
@@ -343,7 +343,7 @@ def test_first_seconds_that_are_all_labelled_ones_leave_nothing_to_score_on(
     labelled_clips(tmp_path, ("one",), 40)  # 8 s
     run = str(_plain_run(tmp_path).path)
     for first in ("8s", "20s"):
-        with pytest.raises(VfoaError, match=rf"--first {first}: .*7\.8 "):
+        with pytest.raises(VfoaError, match=rf"--first {first}: .*8\.0 "):
             fit(run, Path("fitted.toml"), first=first)
     with pytest.raises(VfoaError, match=r"--first 0\.1s: .*expected more seconds"):
         fit(run, Path("fitted.toml"), first="0.1s", even_if_worse=True)
