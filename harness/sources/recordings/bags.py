@@ -24,6 +24,7 @@ from harness.sources.recordings.containers import (
     MOST_BYTES,
     TooLargeError,
     TopicIndex,
+    files_in,
     starts_with,
     unpack,
     unpack_message,
@@ -151,8 +152,8 @@ def bag_parts(path: Path) -> tuple[Path, ...]:
     if noted.get("storage_identifier") == "sqlite3" or noted.get("compression_mode"):
         return (path,)
     # A killed recorder leaves no metadata.yaml; ROS 1 never writes one.
-    for suffix in ("*.bag", "*.db3"):
-        if files := tuple(sorted(file for file in path.glob(suffix) if not file.name.startswith("."))):
+    for suffix in (".bag", ".db3"):
+        if files := files_in(path, suffix):
             return files
     return ()
 

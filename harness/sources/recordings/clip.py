@@ -21,7 +21,7 @@ from harness.sources.media.maps import MILLIMETRES
 from harness.sources.recordings import realsense, zed
 from harness.sources.recordings.bags import BagContainer, bag_parts, data_files
 from harness.sources.recordings.cameras import DepthCamera, PairCameras, Recording
-from harness.sources.recordings.containers import Container, starts_with, window_of
+from harness.sources.recordings.containers import Container, files_in, starts_with, window_of
 from harness.sources.recordings.joining import (
     FEW_REORDERED,
     FramePlaces,
@@ -30,7 +30,7 @@ from harness.sources.recordings.joining import (
     notes_on_files,
     notes_on_unstamped,
 )
-from harness.sources.recordings.mcap_files import MAGIC, McapContainer, files_in, read_summary
+from harness.sources.recordings.mcap_files import MAGIC, McapContainer, read_summary
 from harness.sources.recordings.messages import IMAGES
 from harness.sources.recordings.pixels import read_depth, read_image
 from harness.sources.recordings.settings import RecordingSettings
@@ -227,7 +227,7 @@ def open_container(path: Path) -> Container:
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder; expected a recording")
     parts = bag_parts(path)
-    files = (path,) if path.is_file() else files_in(path)
+    files = (path,) if path.is_file() else files_in(path, ".mcap")
     for file in (*files, *(file for part in parts for file in data_files(part))):
         check_fetched(file)
     if parts:
@@ -239,7 +239,7 @@ def open_container(path: Path) -> Container:
 
 def is_of_poses(path: Path) -> bool:
     """Whether a path is a recording that has poses and no images, and so is a clip of measurements."""
-    if not (bag_parts(path) or starts_with(path, MAGIC) or (path.is_dir() and files_in(path))):
+    if not (bag_parts(path) or starts_with(path, MAGIC) or (path.is_dir() and files_in(path, ".mcap"))):
         return False
     has_poses = False
     with suppress(VfoaError):  # one that cannot be read: opening it as a clip says why
@@ -261,7 +261,7 @@ class McapClip(RecordingClip):
         if starts_with(path, MAGIC):
             serials = zed.serials(channel.topic for channel in read_summary(path).channels.values())
             return (_of_zed(path, serials[0]) if serials else _recognised(path, "an MCAP recording"),)
-        files = files_in(path) if path.is_dir() and not bag_parts(path) else ()
+        files = files_in(path, ".mcap") if path.is_dir() and not bag_parts(path) else ()
         return (_recognised(path, "an MCAP recording", len(files)),) if files else ()
 
 

@@ -12,6 +12,7 @@ from typing import Protocol
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
+from harness.files.ascending import natural_order
 from harness.sources.recordings.messages import IMAGES, Content, MessageType, layout_of, picture, stamp_ns
 from harness.sources.recordings.topics import Place, Topic
 from harness.sources.recordings.video import begins_video
@@ -95,6 +96,15 @@ def starts_with(path: Path, magic: bytes) -> bool:
             return file.read(len(magic)) == magic
     except OSError:
         return False
+
+
+def files_in(folder: Path, suffix: str) -> tuple[Path, ...]:
+    """The files of a folder with a suffix, such as ``.mcap``, in natural order: ``take_2`` before ``take_10``.
+
+    Hidden ones are left out: macOS leaves ``._a.mcap`` beside ``a.mcap``.
+    """
+    found = (path for path in folder.glob(f"*{suffix}") if not path.name.startswith("."))
+    return tuple(sorted(found, key=lambda path: natural_order(path.name)))
 
 
 def zstd_size(head: Content) -> int | None:

@@ -18,7 +18,6 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, ChunkIndex, McapRecord, Message, Schema
 from mcap.summary import Summary
 
-from harness.files.ascending import natural_order
 from harness.files.io import opened
 from harness.sources.recordings import zed
 from harness.sources.recordings.containers import TooLargeError, TopicIndex, starts_with, unpack, unpack_message
@@ -280,12 +279,6 @@ class McapContainer:
 def _content(message: Message, encoding: str) -> Content:
     """The content of a message; in CDR a part of its chunk, which needs no copy to be decoded."""
     return unpack_message(message.data) if encoding == "cdr" else bytes(message.data)
-
-
-def files_in(folder: Path) -> tuple[Path, ...]:
-    """The ``.mcap`` of a folder in natural order, without hidden ones (macOS leaves ``._a.mcap`` beside ``a.mcap``)."""
-    found = (path for path in folder.glob("*.mcap") if not path.name.startswith("."))
-    return tuple(sorted(found, key=lambda path: natural_order(path.name)))
 
 
 def _chunks(path: Path, summary: Summary, window: range) -> list[int] | None:

@@ -94,6 +94,24 @@ def test_packets_are_cropped_as_they_say(tmp_path: Path) -> None:
     assert np.abs(found.astype(int) - IMAGES[2][6:-2, 8:-4]).mean() < 3
 
 
+@pytest.mark.parametrize("kind", ["bag", "db3"])
+def test_a_video_goes_on_in_the_next_part_of_a_bag(tmp_path: Path, kind: Format) -> None:
+    """Recorders begin a new part between two key frames; a killed one leaves no list of them."""
+    packets, split = coded("h264"), tmp_path / "split"
+    split.mkdir()
+    for part in range(11):
+        numbers = range(2 * part, 2 * part + 2)
+        with messages(tmp_path, kind, f"part{part}") as (path, write):
+            write.camera("/rgb/camera_info", stamp(numbers[0]), LENS)
+            for number in numbers:
+                write.image("/depth_to_rgb/image_raw", stamp(number), DEPTH_MM, "16UC1")
+                write.compressed("/rgb/image_raw/compressed", stamp(number), "h264", packets[number][1])
+        file = path if path.is_file() else next(path.glob("*.db3"))
+        file.rename(split / f"take_{part}{file.suffix}")
+    for number, image in enumerate(read_in_turn(split)):
+        assert_is(image, number)
+
+
 def test_a_seek_gives_the_very_pixels_of_reading_in_turn(tmp_path: Path) -> None:
     path = write_sdk(tmp_path / "a.mcap", "h264", coded("h264"))
     in_turn = read_in_turn(path)
