@@ -14,6 +14,7 @@ from harness.clips.naming import NameRule
 from harness.sources import Truth
 from tests.annotating import STRIP, LabellingPage, write_labels
 from tests.browser import dead_buttons, requested, set_width, wait_for
+from tests.disk import write_text
 from tests.exchanges import PlainClip
 from vfoa.types import Image
 
@@ -40,6 +41,16 @@ def test_it_asks_nobody_else_complains_of_nothing_and_fits_the_screen(
     assert page.js(FITS)
     assert page.js("return document.cookie") == ""
     assert browser.current_url == here
+
+
+def test_a_long_name_in_one_word_fits_a_phone(browser: Chrome, open_page: Open, work: Path) -> None:
+    long = "upper_drawer_of_the_kitchen_cabinet_on_the_left"
+    manifest = work / "datasets" / "noise.toml"
+    write_text(manifest, manifest.read_text().replace("[targets.cup]", f"[targets.{long}]"))
+    set_width(browser, 390)
+    page = open_page()
+    assert long in page.text("#names")
+    assert page.js(FITS)
 
 
 def test_names_stand_in_the_strip_as_text_and_patterns_not_colour_alone(open_page: Open) -> None:
