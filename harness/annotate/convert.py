@@ -204,8 +204,9 @@ def export_predictions(
             raise VfoaError(f"{run}: {clip_name}: nothing was predicted; {reason}")
         place = to or run / "labels" / f"{clip_name}__{records.configuration}{SUFFIXES.get(name, '')}"
         check_new(place, replace=replace, inputs=RunDirectory(run).inputs)
+        times_ns = of_run.times_ns or ()
         exchange = Exchange(
-            timeline=Timeline(frames=of_run.frames, times_ns=of_run.times_ns or ()),
+            timeline=Timeline(frames=of_run.frames, times_ns=times_ns, is_whole=False),  # a run may have a limit
             rate_hz=of_run.rate_hz,
             subjects=predicted.labels.subjects,
             targets=of_run.targets,

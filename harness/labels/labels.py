@@ -190,18 +190,26 @@ class Timeline:
     def span_ns(self, first_frame: int, last_frame: int) -> tuple[int, int]:
         """The times [start, end) of a range of frames: it ends when the next frame begins.
 
-        The last frame of the clip lasts for the median step. :meth:`between` gives the range back.
+        The last frame of the clip lasts for the median step; that of a part, after which the next one may come sooner,
+        for half of the shortest step, at least 1 ms. :meth:`between` gives the range back.
         """
         low, high = bisect_left(self.frames, first_frame), bisect_right(self.frames, last_frame) - 1
         after = bisect_right(self.times_ns, self.times_ns[high])
-        end_ns = self.times_ns[after] if after < len(self.times_ns) else self.times_ns[high] + self.step_ns
-        return self.times_ns[low], end_ns
+        if after < len(self.times_ns):
+            return self.times_ns[low], self.times_ns[after]
+        last_ns = self.step_ns if self.is_whole else max(_NS // 1000, self._shortest_ns // 2)
+        return self.times_ns[low], self.times_ns[high] + last_ns
 
     @property
     def rounding_ns(self) -> int:
         """By how much a time that stands for a frame's may be off: half a millisecond, or half of the shortest step."""
+        return min(_NS // 2000, (self._shortest_ns or _NS) // 2)
+
+    @property
+    def _shortest_ns(self) -> int:
+        """The shortest time between two frames, ns; 0 if there is only one frame."""
         steps = np.diff(np.array(self.times_ns, dtype=np.int64))
-        return min(_NS // 2000, int(np.min(steps, where=steps > 0, initial=_NS)) // 2)
+        return min(steps[steps > 0].tolist(), default=0)
 
     @property
     def step_ns(self) -> int:

@@ -221,7 +221,8 @@ class Exchange:
             own = self.timeline.times_ns
             times_ns = [time - own[0] for time in own]
         begin_ns = round(Decimal(str(begin_s)) * 10**9)  # a float of ns since 1970 is off by up to 128 ns
-        return in_ms(Timeline(frames=self.frames, times_ns=[time + begin_ns for time in times_ns]))
+        times_ns = [time + begin_ns for time in times_ns]
+        return in_ms(replace(self.timeline, frames=self.frames, times_ns=times_ns))
 
     def film_of(self, names: Sequence[str], where: object) -> str | None:
         """The film of a document that shows the clip, out of their paths or addresses; None if it has no film.

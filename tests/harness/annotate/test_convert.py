@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -46,11 +47,16 @@ def frames_of(girl: list[str | None], first: int = 1) -> dict[int, FrameRecord]:
 
 
 def write_run(
-    folder: Path, girl: list[str | None], *, probabilistic: bool = True, films: dict[str, float] | None = None
+    folder: Path,
+    girl: list[str | None],
+    *,
+    probabilistic: bool = True,
+    films: dict[str, float] | None = None,
+    times_ns: Sequence[int] = (),
 ) -> Path:
     records = frames_of(girl)
     names = {"subjects": {each: {} for each in SUBJECTS}, "targets": {each: {} for each in TARGETS}}
-    times = [round(frame * 1e9 / RATE_HZ) for frame in records]
+    times = [*times_ns] or [round(frame * 1e9 / RATE_HZ) for frame in records]
     clip = {"name": "clip", "names": names, "frames": list(records), "times_ns": times, "rate_hz": RATE_HZ}
     clip |= {"films": films} if films else {}
     method = {"probabilistic": probabilistic, "says_nowhere": probabilistic}
@@ -127,11 +133,24 @@ def test_the_round_trip_is_exact_to_the_frame(name: str, tmp_path: Path, girl: l
     assert [label.target if label and label.note != "not labelled yet" else None for label in again] == girl
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_run_of_the_first_frames_labels_no_other_frame(count: int, tmp_path: Path) -> None:
+    """A camera's steps vary: the next frame may come sooner than the usual step after the last one of the run."""
+    times_ns = [number * 10**6 for number in (0, 40, 80, 113, 153)]
+    run = write_run(tmp_path, ["bird"] * count, times_ns=times_ns[:count])
+    ((written, _),) = export_predictions(run, "elan")
+    whole = replace(
+        exchange(PlainClip(frames=range(1, 6), rate_hz=25.0)), timeline=Timeline(frames=range(1, 6), times_ns=times_ns)
+    )
+    (row,) = FORMATS.load("elan")().read(written, whole).labels.ranges
+    assert (row.first_frame, row.last_frame) == (1, count)
+
+
 def test_pympi_reads_what_was_predicted(tmp_path: Path) -> None:
     ((written, _),) = export_predictions(write_run(tmp_path, ["bird", "bird", "cup"]), "elan")
     assert written == tmp_path / "labels" / "clip__one.eaf"
     document = Eaf(str(written))
-    assert document.get_annotation_data_for_tier("girl") == [(0, 67, "bird"), (67, 101, "cup")]
+    assert document.get_annotation_data_for_tier("girl") == [(0, 67, "bird"), (67, 84, "cup")]
     assert [value for *_, value in document.get_annotation_data_for_tier("girl:state")] == ["suggested"] * 2
     assert document.get_annotation_data_for_tier("girl:note")[0][2] == "probability 0.75"
 
