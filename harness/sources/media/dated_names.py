@@ -38,7 +38,8 @@ class Dates(NamedTuple):
 def find_dates(names: Sequence[str]) -> Dates | None:
     """The dates with times of day in names; None if one has none, or all have the same second.
 
-    A number after the second is its decimals, unless it is an index, which grows from each second to the next. Of
+    A number after the second is its decimals, unless it is an index, which grows from each second to the next, or one
+    that counts the images of each second, as Motion's (``20230501123045-00``): these are then evenly apart in it. Of
     several readings (a day and a month may be exchanged) the one counts with which the names are least apart.
     """
     readings = [dates for pattern in _DATES if (dates := _dates(names, pattern)) is not None]
@@ -55,9 +56,14 @@ def _dates(names: Sequence[str], pattern: re.Pattern[str]) -> Dates | None:
     decimals = [match["decimals"] or "" for match in found]
     if len(seconds) < len(names) or len(set(seconds)) == 1 or len(set(map(len, decimals))) > 1:
         return None
-    is_index = bool(found[0]["mark"]) and _is_index(sorted(zip(seconds, map(int, decimals), strict=True)))
-    if is_index:
-        decimals = [""] * len(found)
+    if decimals[0]:
+        numbers = [*map(int, decimals)]
+        numbered = sorted(zip(seconds, numbers, strict=True))
+        if found[0]["mark"] and _is_index(numbered):
+            decimals = [""] * len(found)
+        elif _count_in_second(numbered, 10 ** len(decimals[0])):
+            first, count = min(numbers), max(numbers) - min(numbers) + 1
+            decimals = [f"{1000 * (number - first) // count:03d}" for number in numbers]
     end = "decimals" if decimals[0] else "second"
     runs = {(_runs_to(match, match.start()), _runs_to(match, match.end(end))) for match in found}
     if len(runs) > 1:
@@ -82,6 +88,13 @@ def _is_index(numbered: Sequence[tuple[int, int]]) -> bool:
     """Whether numbers beside ascending seconds always grow, where decimals would begin again with the next second."""
     steps = list(pairwise(numbered))
     return all(number < later for (_, number), (_, later) in steps) and any(a == b for (a, _), (b, _) in steps)
+
+
+def _count_in_second(numbered: Sequence[tuple[int, int]], whole: int) -> bool:
+    """Whether numbers beside ascending seconds count by one, and begin again before they reach a ``whole`` second."""
+    steps = [(later - second, after - number) for (second, number), (later, after) in pairwise(numbered)]
+    within, across = ([step for seconds, step in steps if seconds == apart] for apart in (0, 1))
+    return bool(within and across) and bool(np.median(within) == 1 and np.median(across) + whole > 1)
 
 
 def _runs_to(match: re.Match[str], place: int) -> int:

@@ -220,6 +220,21 @@ def test_a_day_that_may_be_a_month_comes_first() -> None:
     assert np.diff(list(number_names(names, "left"))).tolist() == [1000]
 
 
+def test_a_number_that_counts_the_images_of_each_second_is_their_place_in_it() -> None:
+    """As Motion names them (01-20230501123045-00.jpg); other programs begin with 1, and images may be missing."""
+    start = round(datetime(2023, 5, 1, 12, 30, 45, tzinfo=UTC).timestamp())
+    for begin in (0, 1):
+        shown = [(second, place) for second in range(3) for place in range(10) if (second, place) != (1, 4)]
+        names = [f"01-202305011230{45 + second}-{begin + place:02d}.jpg" for second, place in shown]
+        assert [*number_names(names, "x")] == [1000 * (start + second) + 100 * place for second, place in shown]
+
+
+def test_hundredths_of_a_fast_camera_are_decimals() -> None:
+    start = round(datetime(2023, 5, 1, 12, 30, 45, tzinfo=UTC).timestamp())
+    names = [f"20230501_1230{45 + tick // 100}_{tick % 100:02d}.png" for tick in range(80, 220)]
+    assert [*number_names(names, "x")] == [1000 * start + 10 * tick for tick in range(80, 220)]
+
+
 @pytest.mark.parametrize(
     "names",
     [
