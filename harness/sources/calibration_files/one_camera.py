@@ -95,7 +95,7 @@ def _of_document(path: Path, document: Document, size_px: tuple[int, int], *, re
         return ros_camera(document, str(path))
     if "fx" in document:
         return _named_camera(path, document, size_px)
-    if isinstance(by_columns := document.get("intrinsic_matrix"), list) and np.shape(by_columns) == (9,):
+    if isinstance(by_columns := document.get("intrinsic_matrix"), list) and len(by_columns) == 9:
         k = numbers(by_columns, f"{path}: intrinsic_matrix", 9).reshape(3, 3).T
         document = {**document, "intrinsic_matrix": k}
     camera = opencv_camera(document, size_px, str(path), rectified=rectified)
