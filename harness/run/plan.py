@@ -125,7 +125,9 @@ def prepare(
         For the first thing that is missing or wrong.
     """
     limit = experiment.limit if limit is None else limit
-    clips = tuple(_prepare_clip(name, limit, experiment) for name in experiment.clips)
+    manifests = [manifest_of(name, experiment) for name in experiment.clips]
+    _check_names(manifests, experiment)
+    clips = tuple(_prepare_clip(manifest, limit, experiment) for manifest in manifests)
     experiment = _for_clips(experiment, (prepared.clip for prepared in clips))
     notes = (
         *_notes_on_names(clips, experiment.configurations),
@@ -183,8 +185,18 @@ def manifest_of(name: str, experiment: Experiment) -> ClipManifest:
         raise experiment.wrong("clips", error) from None
 
 
-def _prepare_clip(name: str, limit: int | None, experiment: Experiment) -> PreparedClip:
-    manifest = manifest_of(name, experiment)
+def _check_names(manifests: Iterable[ClipManifest], experiment: Experiment) -> None:
+    """Refuse two clips of one name, whose results would be in the same files; names are given, or paths."""
+    paths: dict[str, Path] = {}
+    for manifest in manifests:
+        if manifest.name in paths:
+            both = f"{paths[manifest.name]} and {manifest.path} are both called {manifest.name!r}"
+            error = VfoaError(f"{both}; expected each clip once, with a name of its own")
+            raise experiment.wrong("clips", error)
+        paths[manifest.name] = manifest.path
+
+
+def _prepare_clip(manifest: ClipManifest, limit: int | None, experiment: Experiment) -> PreparedClip:
     clip = manifest.open()
     _check_annotator(manifest, experiment)
     labels = manifest.labels(timeline_of(clip), experiment.annotator)

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from harness.clips.manifest import load_manifest
 from harness.pipeline.cache import open_cache
 from harness.pipeline.cache_store import Store
 from harness.run import plan as plans
 from harness.run.experiment import load_experiment
 from harness.run.plan import describe, prepare, source_commit
 from tests.disk import write_text
+from vfoa.errors import VfoaError
 
 
 def test_names_by_the_sources_ids_are_doubted_where_a_network_numbers_the_masks() -> None:
@@ -36,6 +38,18 @@ def test_things_nearer_than_the_matchers_search_are_said_for_each_limit() -> Non
     (*_, note) = map(str, prepare(far).experiment.notes)
     assert note.startswith("studio_talk: ")
     assert "of the matches are nearer than stereo.min_depth_m = 2" in note
+
+
+@pytest.mark.parametrize("other", ["moved/studio_table.toml", "studio_table.toml"])
+def test_two_clips_of_one_name_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other: str) -> None:
+    """Their results would be in the same files of the run. Recordings of several days may have folders."""
+    monkeypatch.chdir(tmp_path)
+    text = load_manifest("studio_table").path.read_text(encoding="utf-8")
+    paths = [write_text(tmp_path / path, text) for path in ("studio_table.toml", other)]
+    experiment = load_experiment("demo", clips=("studio_table.toml", f"./{other}"))
+    with pytest.raises(VfoaError, match=r"'studio_table'") as caught:
+        prepare(experiment)
+    assert all(str(path.relative_to(tmp_path)) in str(caught.value) for path in paths)
 
 
 def test_a_clips_content_is_digested_once_for_the_plan_and_the_cache(
