@@ -14,7 +14,6 @@ from harness.score.baselines import Choices, choose_among
 from harness.score.reference import Reference
 from harness.score.verdict_columns import COMPARED_EVERY
 from harness.score.verdicts import (
-    NO_HIT,
     NO_OBJECT,
     NO_PROBABILITIES,
     OF_SCENE,
@@ -28,6 +27,7 @@ from harness.score.verdicts import (
     probabilities,
     true_targets,
 )
+from vfoa.scoring import NO_HIT
 from vfoa.types import DirectionFit
 
 NO_HITS = (False,) * 4

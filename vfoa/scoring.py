@@ -19,12 +19,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfoa.errors import VfoaError
-from vfoa.types import Codes, Flags, Float
+from vfoa.types import Codes, Flags, Float, NoAttention
 
 NOWHERE = "none"
 """The label, and the answer, "looks at none of the targets"."""
 IGNORED = "ignore"
 """The label of a frame that does not count."""
+NO_HIT = "(nothing hit)"
+"""The answer of a frame in which nothing got any attention. It is not the answer "looks at nothing"."""
+NO_PREDICTION = "no prediction"
+"""The text that people see for a frame without a prediction."""
+NO_TRUTH = "not annotated"
+"""The text that people see for a frame without a label."""
+ANOTHER = "(another of this name)"
+"""Appended to a predicted name that equals the true one but belongs to another instance: it must not count as
+agreement."""
+ALL = "(all)"
+"""The clip, or the subject, in a row over all of them."""
+OTHER = "(other)"
+"""The rarer names of a picture, together."""
+_NO_NAMES = frozenset({NO_HIT, NoAttention.NO_HIT.value, NO_PREDICTION, NO_TRUTH, ANOTHER, ALL, OTHER})
 LEAST_PROBABILITY = 0.001
 """Probabilities of the truth below this count as this: without it, one sure and wrong frame would decide a log loss."""
 BRIER_WITHOUT_ANSWER = 1.0
@@ -94,8 +108,9 @@ def score(
     Raises
     ------
     VfoaError
-        If lengths differ, no frame counts, a name is an empty cell made text (``"nan"``), a probability is not in
-        [0, 1], those of a frame add up to more than 1 (or to less, with ``"none"``), or an answer has none.
+        If lengths differ, no frame counts, a name is an empty cell made text (``"nan"``) or a word of tables
+        (``"(nothing hit)"``), a probability is not in [0, 1], those of a frame add up to more than 1 (or to less, with
+        ``"none"``), or an answer has none.
     """
     labels, predicted = _names(truth, "truth"), _names(answers, "answers")
     if len(labels) != len(predicted):
@@ -131,7 +146,17 @@ def _names(values: Iterable[Any], what: str) -> NDArray[np.str_]:
         raise VfoaError(
             f"score: {what}: found the text {found[0]!r}, an empty cell made text; expected None or '', or {NOWHERE!r}"
         )
+    if words := [name for name in np.unique(names).tolist() if is_word_of_tables(name)]:
+        raise VfoaError(
+            f"score: {what}: found {words[0]!r}, a word of vfoa's tables; expected a target's name, {NOWHERE!r}, or "
+            f"None (where nothing was hit, {NOWHERE!r} if that is the label, else None)"
+        )
     return names
+
+
+def is_word_of_tables(name: str) -> bool:
+    """Whether tables, pages or recordings have this text in the place of a name: no target is called so."""
+    return name in _NO_NAMES or name.endswith(f" {ANOTHER}")
 
 
 def _name(value: Any) -> str:

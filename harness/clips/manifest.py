@@ -30,6 +30,7 @@ from harness.labels.labels import RESERVED, Labels, Timeline
 from harness.sources import ADAPTERS, Clip, MeasuredClip
 from vfoa.coco import STUFF, THINGS
 from vfoa.errors import VfoaError, located
+from vfoa.scoring import is_word_of_tables
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -84,6 +85,8 @@ class ClipManifest(Settings):
         for name in rules:
             if name in RESERVED:
                 raise ValueError(f"found the name {name!r}; expected a word other than {' and '.join(RESERVED)}")
+            if is_word_of_tables(name):
+                raise ValueError(f"found the name {name!r}, a word of tables and pages; expected another")
             if is_automatic(name):
                 raise ValueError(
                     f"found the name {name!r}, the form of unnamed objects; expected a name without #NUMBER"

@@ -27,10 +27,9 @@ from harness.record.appearance import (
 )
 from harness.record.frame_log import FrameLog
 from harness.run.records import AttentionRecord, FrameRecord
-from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION, Verdict, prediction_set, true_targets
+from harness.score.verdicts import ERROR_TYPES, Verdict, prediction_set, true_targets
 from vfoa.geometry import quaternion
-
-NO_TRUTH = "not annotated"
+from vfoa.scoring import NO_HIT, NO_PREDICTION, NO_TRUTH
 
 
 def predicted_in_words(verdict: Verdict) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from harness.labels.labels import Labels
-from harness.report.csv_tables import ALL
 from harness.report.formats import Table, interval_range, number, percent
 from harness.score.agreement import Agreement, differences
+from vfoa.scoring import ALL
 
 _NOTE = (
     "Frames that both annotators judged: no ignore, no suggestion. Kappa: Cohen 1960; its interval: 95 %, from "

@@ -11,9 +11,7 @@ from harness.score.metrics import load_metrics
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES
 from vfoa.errors import VfoaError
-
-ALL = "(all)"
-"""The clip, or the subject, in a row over all of them."""
+from vfoa.scoring import ALL
 
 COMPARISON_COLUMNS: Mapping[str, str] = {
     "reference": "the configuration that is compared with",

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from harness.files.groups import grouped
-from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table, number
 from harness.run.columns import MeasureColumns
 from harness.run.directory import Pair, RunDirectory
@@ -18,6 +17,7 @@ from harness.run.table_files import numbers_of
 from harness.run.timings import read_timings
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
+from vfoa.scoring import ALL
 from vfoa.types import Float
 
 _NOTES = (

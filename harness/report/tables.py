@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table, interval_range, number, percent, percent_range
 from harness.report.verdict import compared_rows, next_steps
 from harness.run.notes import WARNINGS, Note, NoteKind, unlabelled
@@ -31,7 +30,7 @@ from harness.score.metrics import load_metrics
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, SET_LEVEL
-from vfoa.scoring import BINS, LEAST_PROBABILITY
+from vfoa.scoring import ALL, BINS, LEAST_PROBABILITY
 
 FRR_NOTES = (
     "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. A pair "
@@ -52,6 +51,7 @@ FRR_NOTES = (
     "Wilson: the 95 % interval if frames were independent. They are not: read the other one.",
     f"{ALL}: the pairs of all clips together, so that longer clips weigh more.",
 )
+
 _TERMINAL_NOTES = {
     "FRR %": "FRR: right ones of n labelled (frame, subject) pairs",
     "Balanced %": "Balanced: mean with and without a target",

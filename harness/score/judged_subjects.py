@@ -17,7 +17,7 @@ from harness.score.baselines import BASELINES, best_limit_rad, commonest
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.reference import Reference
 from harness.score.verdict_columns import PairVerdicts, SubjectVerdicts
-from harness.score.verdicts import NO_HIT
+from vfoa.scoring import NO_HIT
 from vfoa.types import Codes, Flags, Float
 
 NO_PREDICTION = -1

@@ -19,8 +19,6 @@ from harness.run.columns import NO_ID, UNKNOWN, PairColumns, SceneColumns, Words
 from harness.run.manifest import AnswerTraits
 from harness.score.baselines import View, picks_of, view_of
 from harness.score.verdicts import (
-    ANOTHER,
-    NO_HIT,
     NO_OBJECT,
     NO_PROBABILITIES,
     OF_SCENE,
@@ -30,6 +28,7 @@ from harness.score.verdicts import (
     Outcome,
     Verdict,
 )
+from vfoa.scoring import ANOTHER, NO_HIT
 from vfoa.types import Codes, Flags, Float
 
 COMPARED_EVERY = 4

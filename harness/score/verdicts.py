@@ -39,6 +39,7 @@ import numpy as np
 from harness.labels.labels import Label
 from harness.run.manifest import AnswerTraits
 from harness.run.records import BoxPx, FrameRecord, SubjectRecord, TargetRecord
+from vfoa.scoring import ANOTHER, NO_HIT, NO_PREDICTION
 
 Outcome = Literal["correct", "wrong", "unscored"]
 
@@ -60,15 +61,8 @@ ERROR_TYPES = {
 """Each error type, in order, with an explanation for new readers."""
 
 
-NO_HIT = "(nothing hit)"
-"""The prediction of a frame in which nothing got any attention. It is not the answer "looks at nothing"."""
 NO_OBJECT = "no_object"
 """The reason of a point that lies on no object: like a ray that hits nothing, it is right if the label is none."""
-NO_PREDICTION = "no prediction"
-"""The text that people see for a frame without a prediction."""
-ANOTHER = "(another of this name)"
-"""Appended to a predicted name that equals the true one but belongs to another instance: it must not count as
-agreement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

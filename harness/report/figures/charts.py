@@ -22,7 +22,8 @@ from harness.run.fitted import FitRecord
 from harness.score.calibration import Reliability
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
 from harness.score.score import ScoreRow
-from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION, Verdict, answered
+from harness.score.verdicts import ERROR_TYPES, Verdict, answered
+from vfoa.scoring import NO_HIT, NO_PREDICTION, OTHER
 
 Rows = Sequence[tuple[str, ScoreRow]]
 """Rows of scores, each with the name of its configuration in the figure."""
@@ -30,7 +31,6 @@ Rows = Sequence[tuple[str, ScoreRow]]
 _FRR = "focus recognition rate (%)"
 _MOST_NAMES = 24
 """Most rows and columns of a confusion; rarer names share one."""
-_OTHER = "(other)"
 _MOST_LETTERS = 28
 """Most letters of a name in a confusion: longer ones would leave no room for its panels."""
 
@@ -122,7 +122,7 @@ def confusion(verdicts: Mapping[str, Sequence[Verdict]], width: float) -> Figure
         shares = 100 * table / np.maximum(table.sum(axis=1, keepdims=True), 1)
         image = axes.imshow(np.where(table, shares, np.nan), cmap="Blues", vmin=0, vmax=100, aspect="auto")
         for place, truth in enumerate(truths):  # the right answers are framed; rare names are right and wrong ones
-            if truth in answers and truth != _OTHER:
+            if truth in answers and truth != OTHER:
                 x = answers.index(truth)
                 axes.plot(x + _SQUARE[0], place + _SQUARE[1], color=INK, lw=0.5)
         axes.set_title(name, loc="left")
@@ -153,7 +153,7 @@ _SQUARE = np.array([[-0.5, 0.5, 0.5, -0.5, -0.5], [-0.5, -0.5, 0.5, 0.5, -0.5]])
 def _axes_of(pairs: Any) -> tuple[list[str], list[str]]:
     """The names of rows and columns: by their words and numbers, "none" and missing answers last, rare ones as one.
 
-    That one is :data:`_OTHER`.
+    That one is :data:`OTHER`.
     """
     counts: Counter[str] = Counter()
     truths, answers = set[str](), set[str]()
@@ -166,13 +166,13 @@ def _axes_of(pairs: Any) -> tuple[list[str], list[str]]:
     last = ("none", NO_HIT, NO_PREDICTION)
     common = {name for name, _ in counts.most_common(_MOST_NAMES)}
     kept = [sorted(names & common - set(last), key=natural_order) for names in (truths, truths | answers)]
-    rare = [_OTHER] if (truths | answers) - common - set(last) else []
-    rows = [*kept[0], *([_OTHER] if truths - common - set(last) else []), *(name for name in last if name in truths)]
+    rare = [OTHER] if (truths | answers) - common - set(last) else []
+    rows = [*kept[0], *([OTHER] if truths - common - set(last) else []), *(name for name in last if name in truths)]
     return rows, [*kept[1], *rare, *(name for name in last if name in truths | answers)]
 
 
 def _place(names: Sequence[str], name: str) -> int:
-    return names.index(name if name in names else _OTHER)
+    return names.index(name if name in names else OTHER)
 
 
 def calibration(found: Sequence[tuple[str, Reliability]], width: float) -> Figure:

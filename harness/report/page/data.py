@@ -33,7 +33,8 @@ from harness.score.judged_subjects import JudgedSubject
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdict_columns import SubjectVerdicts
-from harness.score.verdicts import ERROR_TYPES, NO_HIT, NO_PREDICTION
+from harness.score.verdicts import ERROR_TYPES
+from vfoa.scoring import NO_HIT, NO_PREDICTION
 from vfoa.types import Codes
 
 STATES = ("correct", "unscored", *ERROR_TYPES)

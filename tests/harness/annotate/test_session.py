@@ -164,6 +164,7 @@ def test_a_first_target_opens_the_table_of_targets(tmp_path: Path) -> None:
     [
         ("cup", NameRule(category="clock"), "targets.cup: exists already"),
         ("none", NameRule(category="clock"), "found the name 'none'"),
+        ("no prediction", NameRule(category="clock"), "found the name 'no prediction'"),
         ("ann", NameRule(category="clock"), "a subject has this name"),
         (" ", NameRule(category="clock"), "found the name ' '"),
         ("mug", NameRule(category="cup"), "every 'cup' is 'cup' already"),

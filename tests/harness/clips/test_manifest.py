@@ -82,6 +82,10 @@ def test_the_working_directory_comes_first(folder: Path, monkeypatch: pytest.Mon
             r"targets\.bird: found instance and at_px",
         ),
         ("[targets.bird]", "[targets.none]", r"targets: found the name 'none'"),
+        ("[targets.bird]", '[targets."(nothing hit)"]', r"targets: found the name '\(nothing hit\)'"),
+        ("[targets.bird]", "[targets.no_hit]", r"targets: found the name 'no_hit'"),
+        ("[targets.bird]", '[targets."bird (another of this name)"]', r"targets: found the name 'bird \(another"),
+        ("[subjects.girl]", '[subjects."(all)"]', r"subjects: found the name '\(all\)'"),
         ("[subjects.girl]", '[subjects."girl#1"]', r"subjects: found the name 'girl#1'"),
         ("[targets.bird]", "[targets.girl]", r"targets\.girl: a subject has this name"),
         (

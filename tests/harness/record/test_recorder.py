@@ -25,9 +25,9 @@ from harness.record.layers import ClipFiles, recording_ids
 from harness.record.recorder import Recorder, SharedRecorder
 from harness.record.viewer import viewer_binary
 from harness.run.directory import new_run_id
-from harness.score.verdicts import NO_HIT, NO_PREDICTION
 from tests.harness.record.conftest import CONFIGURATION, LAYERS, NAMES, shared, verdict
 from vfoa.errors import VfoaError
+from vfoa.scoring import NO_HIT, NO_PREDICTION
 
 ANN = "Ann Müller/left"
 

@@ -23,8 +23,9 @@ from harness.run.manifest import AnswerTraits, ClipOfRun, RunManifest
 from harness.run.records import FrameRecord
 from harness.score.reference import Reference
 from harness.score.score import Scores
-from harness.score.verdicts import NO_HIT, answered
+from harness.score.verdicts import answered
 from tests.records import answers, frame_record, labels, run_manifest, scored_records, subject_record, target_record
+from vfoa.scoring import NO_HIT
 
 EVIL = "</script><script>alert(1)</script>"
 

@@ -8,9 +8,10 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.columns import Words
 from harness.run.records import FrameRecord
 from harness.score.verdict_columns import judge_columns
-from harness.score.verdicts import ERROR_TYPES, NO_HIT, PLAIN, Verdict
+from harness.score.verdicts import ERROR_TYPES, PLAIN, Verdict
 from tests.record_tables import columns_of
 from tests.records import frame_record, subject_record, target_record
+from vfoa.scoring import NO_HIT
 
 CUP, CAN = target_record(1, "cup"), target_record(2, "can")
 FLAT_CUP = target_record(1, "cup", center=None)
