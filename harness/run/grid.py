@@ -53,23 +53,29 @@ def variants(
     if grid and configurations:
         raise VfoaError(f"{where}: expected either [grid] or [[configuration]], found both")
     found = [*(_named(configurations, where) if configurations else _combined(grid, where, is_setting))]
-    names = {each.name for each in found}
-    for name in names:
-        before, _, step = name.rpartition("+")
-        if base_of(name) != name:
+    names: dict[str, str] = {}  # by their form in files: macOS and Windows have one file for A and a
+    for name in (each.name for each in found):
+        if (other := names.setdefault(name.lower(), name)) != name:
+            raise VfoaError(
+                f"{where}: configuration {name!r}: expected another name beside {other!r}: they differ only in "
+                "capitals, and may share files"
+            )
+    for form, name in names.items():
+        before, _, step = form.rpartition("+")
+        if base_of(form) != form:
             raise VfoaError(
                 f"{where}: configuration {name!r}: expected no name of a seed: seeds = 20 makes and names them"
             )
         if before in names and step in ORACLE_STEPS:
             raise VfoaError(
-                f"{where}: configuration {name!r}: expected another name beside {before!r}: --oracle gives this one to "
-                f"{before!r} with the true {step}"
+                f"{where}: configuration {name!r}: expected another name beside {names[before]!r}: --oracle gives this "
+                f"one to {names[before]!r} with the true {step}"
             )
-        before, _, layer = name.rpartition(".")
+        before, _, layer = form.rpartition(".")
         if before in names and layer in OF_LAYERS:
             raise VfoaError(
-                f"{where}: configuration {name!r}: expected another name beside {before!r}, one of whose recording's "
-                "files is called so"
+                f"{where}: configuration {name!r}: expected another name beside {names[before]!r}, one of whose "
+                "recording's files is called so"
             )
     return found
 

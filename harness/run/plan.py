@@ -186,14 +186,19 @@ def manifest_of(name: str, experiment: Experiment) -> ClipManifest:
 
 
 def _check_names(manifests: Iterable[ClipManifest], experiment: Experiment) -> None:
-    """Refuse two clips of one name, whose results would be in the same files; names are given, or paths."""
-    paths: dict[str, Path] = {}
+    """Refuse two clips of one name, whose results would be in the same files; names are given, or paths.
+
+    Names that differ only in capitals count as one: macOS and Windows have one file for both.
+    """
+    earlier: dict[str, ClipManifest] = {}
     for manifest in manifests:
-        if manifest.name in paths:
-            both = f"{paths[manifest.name]} and {manifest.path} are both called {manifest.name!r}"
-            error = VfoaError(f"{both}; expected each clip once, with a name of its own")
-            raise experiment.wrong("clips", error)
-        paths[manifest.name] = manifest.path
+        other = earlier.setdefault(manifest.name.lower(), manifest)
+        if other is manifest:
+            continue
+        both = f"{other.path} and {manifest.path} are both called {manifest.name!r}"
+        if other.name != manifest.name:
+            both = f"the names {other.name!r} and {manifest.name!r} differ only in capitals, and may share files"
+        raise experiment.wrong("clips", VfoaError(f"{both}; expected each clip once, with a name of its own"))
 
 
 def _prepare_clip(manifest: ClipManifest, limit: int | None, experiment: Experiment) -> PreparedClip:

@@ -145,6 +145,8 @@ def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:
         (HEAD + "[[configuration]]\nname = 'a.seed2'\n", r"'a\.seed2': expected no name of a seed"),
         (HEAD + "[[configuration]]\nname = 'a'\n[[configuration]]\nname = 'a+gaze'\n", r"'a\+gaze': .* beside 'a'"),
         (HEAD + "[[configuration]]\nname = 'a'\n[[configuration]]\nname = 'a.scene'\n", r"'a\.scene': .* beside 'a'"),
+        (HEAD + "[[configuration]]\nname = 'Ab'\n[[configuration]]\nname = 'aB'\n", r"'aB': .* beside 'Ab'"),
+        (HEAD + "[[configuration]]\nname = 'a.Scene'\n[[configuration]]\nname = 'A'\n", r"'a\.Scene': .* beside 'A'"),
         (HEAD + "[grid]\n'attention.n_rays' = [4, 8, 4]\n", r"grid: two combinations are called '4'"),
         ('clips = ["one"]\n[[configuration]]\nname = "a"\nstereo.p1 = 1\n', r"stereo\.matcher: missing; .*stereo\.p1"),
         ("clips = [", r"not TOML"),

@@ -52,6 +52,15 @@ def test_two_clips_of_one_name_are_refused(tmp_path: Path, monkeypatch: pytest.M
     assert all(str(path.relative_to(tmp_path)) in str(caught.value) for path in paths)
 
 
+def test_clips_whose_names_differ_only_in_capitals_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """macOS and Windows have one file for both."""
+    monkeypatch.chdir(tmp_path)
+    text = load_manifest("studio_table").path.read_text(encoding="utf-8")
+    write_text(tmp_path / "Studio_Table.toml", text.replace('"studio_table"', '"Studio_Table"'))
+    with pytest.raises(VfoaError, match="'studio_table' and 'Studio_Table'"):
+        prepare(load_experiment("demo", clips=("studio_table", "Studio_Table.toml")))
+
+
 def test_a_clips_content_is_digested_once_for_the_plan_and_the_cache(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
