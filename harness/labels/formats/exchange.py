@@ -27,6 +27,7 @@ from harness.labels.labels import (
     format_seconds,
 )
 from harness.labels.rows import check_sequence, expected_name
+from harness.sources.media.frame_files import count_from_1, counts_from_0, number_names
 from vfoa.errors import VfoaError, check_known, counted, did_you_mean
 
 MS = 1_000_000
@@ -223,6 +224,20 @@ class Exchange:
         begin_ns = round(Decimal(str(begin_s)) * 10**9)  # a float of ns since 1970 is off by up to 128 ns
         times_ns = [time + begin_ns for time in times_ns]
         return in_ms(replace(self.timeline, frames=self.frames, times_ns=times_ns))
+
+    def frames_of_images(self, names: Iterable[str], where: str) -> tuple[dict[str, int], list[str]]:
+        """The frame of each image by its name, whether or not the clip has it, and a note on what is not certain.
+
+        With :attr:`fps` it is the number in the name. Raises as :func:`harness.sources.media.frame_files.number_names`.
+        """
+        numbers, known = number_names(names, where), self.frames if self.fps is None else ()
+        is_from_1 = count_from_1(numbers, known)
+        frames = {name: number - is_from_1 for number, name in numbers.items()}
+        if is_from_1 or 0 in numbers or not (numbers and self.films and counts_from_0(known)):
+            return frames, []
+        first = min(numbers)
+        note = f"{where}: {numbers[first]} is read as frame {first} of the film, whose first one is 0"
+        return frames, [f"{note}; ffmpeg calls its first picture 1 (unless -start_number says 0)."]
 
     def film_of(self, names: Sequence[str], where: object) -> str | None:
         """The film of a document that shows the clip, out of their paths or addresses; None if it has no film.

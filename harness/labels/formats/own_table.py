@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -114,8 +115,9 @@ class OwnTable(ReadOnly):
         """Read labels. Without a column of subjects they are those of the clip's only one."""
         check_no_recording(path)
         rows = _of_recording(of_eye_tracker(even_rows(path), path), exchange, path)
-        rows = with_frames_of_images(rows, _meant(rows[0][1]), exchange.frames, path)
-        return from_rows(_by_target(_by_subject(rows, exchange), exchange, path), exchange, path)
+        rows, notes = with_frames_of_images(rows, _meant(rows[0][1]), exchange, path)
+        imported = from_rows(_by_target(_by_subject(rows, exchange), exchange, path), exchange, path)
+        return replace(imported, notes=(*notes, *imported.notes))
 
 
 def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:

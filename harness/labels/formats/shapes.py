@@ -22,7 +22,6 @@ from harness.labels.drawn_shapes import Drawn, KeyFrame, Kind, Place, check_kind
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.formats.own_table import COLUMNS
 from harness.labels.labels import NOWHERE, Label, ranges_of
-from harness.sources.media.frame_files import number_names
 from vfoa.errors import VfoaError, check_known, counted
 
 _NAMES = ("name", *COLUMNS["subject"])
@@ -101,7 +100,7 @@ def imported(file: ShapeFile, exchange: Exchange, path: Path) -> Imported:
 
     ``exchange.modifier`` is the attribute that has the targets, of several.
     """
-    frames = _frames(file, exchange, path)
+    frames, of_images = _frames(file, exchange, path)
     said = [(track, _look(track, exchange)) for track in file.tracks]
     of_looks = [_OfLooks(track, *look) for track, look in said if look is not None]
     named = _named([track for track, look in said if look is None], exchange, path, is_needed=not of_looks)
@@ -113,7 +112,7 @@ def imported(file: ShapeFile, exchange: Exchange, path: Path) -> Imported:
     ]
     drawn, of_labels = _drawn(named, frames, file, exchange), exchange.labels(rows, path)
     known = [*(each.track for each in named), *(each.track for each in of_looks)]
-    notes = (*of_labels.notes, *_notes(file, known, frames, path))
+    notes = (*of_images, *of_labels.notes, *_notes(file, known, frames, path))
     return Imported(labels=of_labels.labels, drawn=drawn, size_px=file.size_px, notes=notes)
 
 
@@ -150,14 +149,15 @@ _OF_A_FILM = re.compile(r"frame_(\d{6})(?:\.png)?", re.IGNORECASE)
 """The name that CVAT gives to a picture of a film, by its place in it, from 0."""
 
 
-def _frames(file: ShapeFile, exchange: Exchange, path: Path) -> Mapping[int | str, int]:
-    """The clip's frame of each frame of a task, or of each image by its name; those outside the clip are not in it."""
+def _frames(file: ShapeFile, exchange: Exchange, path: Path) -> tuple[Mapping[int | str, int], list[str]]:
+    """The clip's frame of each frame of a task, or of each image by its name; those outside are not in it. Notes."""
     places = _places(file, exchange)
     if file.images and not places:
-        if exchange.offset is not None:
-            raise VfoaError(f"{path}: --offset: its images are known by the numbers in their names; leave it out")
-        known = frozenset(exchange.frames)
-        return {name: number for number, name in number_names(file.images, str(path)).items() if number in known}
+        for option, value in (("--fps", exchange.fps), ("--offset", exchange.offset)):
+            if value is not None:
+                raise VfoaError(f"{path}: {option}: its images are known by the numbers in their names; leave it out")
+        known, (of_images, notes) = {*exchange.frames}, exchange.frames_of_images(file.images, str(path))
+        return {name: frame for name, frame in of_images.items() if frame in known}, notes
     rate_hz = exchange.fps or exchange.rate_hz
     if exchange.offset and rate_hz is None:
         raise VfoaError(f"{path}: --offset: the clip's frame rate is not known; expected --fps RATE, too")
@@ -165,7 +165,7 @@ def _frames(file: ShapeFile, exchange: Exchange, path: Path) -> Mapping[int | st
     if exchange.offset is not None:
         first = round(exchange.offset * (rate_hz or 0.0))
     frames: dict[int | str, int] = {first + n: frame for n, frame in zip(exchange.places, exchange.frames, strict=True)}
-    return {name: frames[at] for name, at in places.items() if at in frames} if places else frames
+    return {name: frames[at] for name, at in places.items() if at in frames} if places else frames, []
 
 
 def _places(file: ShapeFile, exchange: Exchange) -> dict[str, int]:

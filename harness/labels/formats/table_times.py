@@ -13,7 +13,7 @@ from harness.files.dialects import Row, is_missing, number_hint, plain_name
 from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange
 from harness.labels.labels import Timeline
-from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES, number_names
+from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES
 from harness.sources.media.frame_times import TICKS_NS, stamp_unit
 from vfoa.errors import VfoaError
 
@@ -133,12 +133,12 @@ _OF_FILES = ("filename", "file_name", "file", "file_path", "filepath", "path")
 
 
 def with_frames_of_images(
-    rows: Sequence[Row], meant: Sequence[str | None], frames: Sequence[int], path: Path
-) -> Sequence[Row]:
-    """A header and rows with a column ``frame``, of those with the names of images in it, or in place of it.
+    rows: Sequence[Row], meant: Sequence[str | None], exchange: Exchange, path: Path
+) -> tuple[Sequence[Row], list[str]]:
+    """A header and rows with a column ``frame``, of those with the names of images in it, or in place of it; notes.
 
     ``meant`` is what each column is known as. Names of images do not count beside other columns of frames or times.
-    Of images that are named by times, as those of a recording, and not by ``frames``, the column is ``time_ns``.
+    Of images that are named by times, as those of a recording, and not by the clip's frames, the column is ``time_ns``.
 
     Raises
     ------
@@ -149,27 +149,27 @@ def with_frames_of_images(
     if "frame" in meant:
         place, is_short = meant.index("frame"), False
     elif any(_is_time(name) or (name and name.endswith("_frame")) for name in meant):
-        return rows
+        return rows, []
     else:
         places = [at for at, name in enumerate(header) if plain_name(name) in (*_OF_IMAGES, *_OF_FILES)]
         if len(places) != 1:
-            return rows
+            return rows, []
         place, is_short = places[0], plain_name(header[places[0]]) in _OF_IMAGES
     names, column = {cells[place] for _, cells in lines if not is_missing(cells[place])}, "frame"
+    notes = list[str]()
     if all(_frame_number(name) is not None for name in names):
         numbers = {name: name for name in names}
     elif all(_is_image(name, is_short=is_short) for name in names):
         own = _before_upload(names)
-        of_own = {name: n for n, name in number_names({*own.values()}, f"{path}: {header[place]}").items()}
+        of_own, notes = exchange.frames_of_images({*own.values()}, f"{path}: {header[place]}")
         numbers, unit = {name: str(of_own[own[name]]) for name in names}, stamp_unit(of_own.values())
-        if unit is not None and not {*of_own.values()} <= {*frames} and not any(map(_is_time, meant)):
+        if unit is not None and not {*of_own.values()} <= {*exchange.frames} and not any(map(_is_time, meant)):
             column, numbers = "time_ns", {name: str(int(n) * TICKS_NS[unit]) for name, n in numbers.items()}
     else:
-        return rows
-    return [
-        (line, [*header[:place], column, *header[place + 1 :]]),
-        *((at, [*cells[:place], numbers.get(cells[place], ""), *cells[place + 1 :]]) for at, cells in lines),
-    ]
+        return rows, []
+    header = [*header[:place], column, *header[place + 1 :]]
+    of_frames = [(at, [*cells[:place], numbers.get(cells[place], ""), *cells[place + 1 :]]) for at, cells in lines]
+    return [(line, header), *of_frames], notes
 
 
 def _is_time(column: str | None) -> bool:

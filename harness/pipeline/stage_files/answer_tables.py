@@ -268,7 +268,10 @@ def _frames(table: _CheckedTable, frames: Sequence[int], times_ns: Sequence[int]
     if len(given) != 1:
         found = " and ".join(given) or "neither"
         raise VfoaError(f"{columns.path}:1: found {found} of the columns {' and '.join(KEYS)}; expected one of them")
-    numbers = _by_time(columns, frames, times_ns) if given == ["time_s"] else frame_numbers(columns) + offset
+    if given == ["time_s"]:
+        numbers = _by_time(columns, frames, times_ns)
+    else:
+        numbers = frame_numbers(columns, [number - offset for number in frames]) + offset
     outside = np.flatnonzero(~np.isin(numbers, np.array([*frames], np.int64)))
     if len(outside):
         row, first, last = int(outside[0]), frames[0], frames[-1]

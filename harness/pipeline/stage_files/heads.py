@@ -29,7 +29,7 @@ from harness.files.remote import expand
 from harness.files.tables import TableColumns, read_columns
 from harness.pipeline.stage_files.other_programs import Part, program_of, read_part
 from harness.sources import Clip
-from harness.sources.media.frame_files import IMAGE_SUFFIXES, number_names
+from harness.sources.media.frame_files import IMAGE_SUFFIXES, count_from_1, number_names
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Head, Instances, StereoFrame
@@ -87,7 +87,7 @@ def read_table(path: Path, part: Part, columns: Sequence[str], frames: Sequence[
     """
     program = program_of(path)
     content = read_part(path, program, part, frames) if program else read_columns(path, (*KEYS, *columns), KEYS)
-    numbers = frame_numbers(content)
+    numbers = frame_numbers(content, frames)
     order = np.argsort(numbers, kind="stable")
     table = FrameTable(columns=content, frames=numbers, order=order, subjects=content.cells["subject"])
     content.refuse_first(
@@ -102,8 +102,8 @@ def read_table(path: Path, part: Part, columns: Sequence[str], frames: Sequence[
     return table
 
 
-def frame_numbers(columns: TableColumns) -> NDArray[np.int64]:
-    """The frame (n,) of each row: its number, or that in the name of its image.
+def frame_numbers(columns: TableColumns, frames: Sequence[int]) -> NDArray[np.int64]:
+    """The frame (n,) of each row: its number, or that in the name of its image, of a clip with these frames.
 
     Raises
     ------
@@ -113,8 +113,9 @@ def frame_numbers(columns: TableColumns) -> NDArray[np.int64]:
     names = {*columns.cells["frame"]}
     if not names or any(PurePath(name).suffix.lower() not in IMAGE_SUFFIXES for name in names):
         return columns.integers("frame")
-    numbers = {name: number for number, name in number_names(names, f"{columns.path}: frame").items()}
-    return np.array([numbers[name] for name in columns.cells["frame"]], np.int64)
+    by_number = number_names(names, f"{columns.path}: frame")
+    numbers = {name: number for number, name in by_number.items()}
+    return np.array([numbers[name] for name in columns.cells["frame"]], np.int64) - count_from_1(by_number, frames)
 
 
 BOX = ("u0_px", "v0_px", "u1_px", "v1_px")

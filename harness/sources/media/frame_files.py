@@ -8,7 +8,7 @@ import os
 import re
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
@@ -145,6 +145,19 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
             f"{_expected_pattern(folder, first, varying)}"
         )
     return _unique(zip(numbers, names, strict=True), where)
+
+
+def count_from_1(numbers: Collection[int], frames: Sequence[int]) -> bool:
+    """Whether the numbers of images count from 1, where a clip's ``frames`` count from 0.
+
+    ffmpeg counts the pictures of a film from 1, a clip of it from 0: they end with the number after the last frame's.
+    """
+    return bool(numbers) and counts_from_0(frames) and min(numbers) > 0 and max(numbers) == len(frames)
+
+
+def counts_from_0(frames: Sequence[int]) -> bool:
+    """Whether a clip's frames are 0, 1, 2 and so on."""
+    return bool(frames) and frames[0] == 0 and frames[-1] == len(frames) - 1
 
 
 _SECONDS, _MILLISECONDS = re.compile(r"1\d{9}"), re.compile(r"1\d{12}")

@@ -119,6 +119,15 @@ def test_images_of_the_clip_s_own_are_known_by_their_numbers(tmp_path: Path) -> 
     assert lefts(read(tmp_path, files, box(3, "bird", 7), box(4, "bird", 8)), "bird")[3] == 7
 
 
+def test_images_that_ffmpeg_counts_from_1_are_the_frames_of_a_film(tmp_path: Path) -> None:
+    text = document({n: f"{n:04d}.png" for n in (1, 2, 3)}, [box(n, "bird", 7 + n) for n in (2, 3)])
+    path = write_text(tmp_path / "instances.json", text)
+    found = lefts(Coco().read(path, exchange(PlainClip(frames=range(3)))), "bird")
+    assert [found[1], found[2]] == [9, 10]
+    with pytest.raises(VfoaError, match="--fps"):
+        Coco().read(path, exchange(PlainClip(frames=range(3)), fps=5.0))
+
+
 @pytest.mark.parametrize(
     ("first", "second", "more"),
     [

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from harness.labels.formats.exchange import Imported
 from harness.labels.formats.own_table import OwnTable
 from harness.labels.labels import Labels
 from tests.disk import write_text
@@ -90,3 +92,27 @@ def test_the_name_of_a_film_beside_frames_or_times_is_none_of_an_image(tmp_path:
 def test_images_that_are_no_frames_are_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(VfoaError, match=re.escape(said)):
         _read(tmp_path, text)
+
+
+FILM = PlainClip(frames=range(5), rate_hz=10.0)
+
+
+def _of_film(folder: Path, numbers: Sequence[int]) -> Imported:
+    rows = [f"frame_{n:04d}.png,girl,bird" for n in numbers]
+    path = write_text(folder / "mine.csv", "\n".join(["image,who,label", *rows]))
+    return OwnTable().read(path, exchange(FILM, films={"talk.mp4": 0.0}))
+
+
+def test_pictures_of_a_film_that_end_after_its_last_frame_count_from_1(tmp_path: Path) -> None:
+    imported = _of_film(tmp_path, [3, 4, 5])
+    assert imported == Imported(labels=Labels([row(2, 4, "bird")]))
+    assert _of_film(tmp_path, [0, 1]).labels == Labels([row(0, 1, "bird")])
+
+
+@pytest.mark.parametrize("numbers", [[1, 2], [3, 4]])
+def test_pictures_of_a_film_that_may_count_from_1_are_noted(tmp_path: Path, numbers: list[int]) -> None:
+    imported = _of_film(tmp_path, numbers)
+    assert imported.labels == Labels([row(numbers[0], numbers[1], "bird")])
+    (note,) = imported.notes
+    assert f"frame_{numbers[0]:04d}.png" in note
+    assert not _of_film(tmp_path, [*range(numbers[-1])]).notes

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.pipeline.stage_files.directions import FileGaze, FileGazeSettings, FileHeadPose, FileHeadPoseSettings
-from harness.pipeline.stage_files.heads import FileHeads, FileHeadsSettings, read_heads
+from harness.pipeline.stage_files.heads import FileHeads, FileHeadsSettings, HeadTable, read_heads
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -211,6 +211,12 @@ def test_frames_may_be_the_names_of_images(tmp_path: Path) -> None:
     head = Head(box_px=np.array([70.0, 2, 79, 4]), score=1.0)
     estimates = [gaze.estimate(replace(FRAME, index=number), head, None) for number in (70, 71)]
     assert [estimate is not None for estimate in estimates] == [True, False]
+
+
+def test_pictures_that_ffmpeg_counts_from_1_are_the_frames_of_a_film(tmp_path: Path) -> None:
+    rows = [f"{n:04d}.png,ben,{n},2,{n + 9},4\n" for n in (2, 3)]
+    table = HeadTable(write_text(tmp_path / "heads.csv", HEADS + "".join(rows)), range(3))
+    assert [[head.box_px[0] for head in table.of(frame).values()] for frame in range(3)] == [[], [2], [3]]
 
 
 def test_heads_come_in_the_order_of_their_rows_and_a_frame_without_rows_has_none(tmp_path: Path) -> None:
