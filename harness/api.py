@@ -14,6 +14,7 @@ import pandas as pd
 
 from harness.files.parsing import toml_value
 from harness.files.remote import local_folder
+from harness.files.safe_names import vfoa_command
 from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
 from harness.report.frames_csv import run_frames
@@ -252,7 +253,7 @@ class RunResults:
     def _table(self, name: str) -> pd.DataFrame:
         path = self.path / name
         if not path.is_file():
-            raise VfoaError(f"{path}: no such table; `vfoa score {self.path}` writes it")
+            raise VfoaError(f"{path}: no such table; `{vfoa_command('score', self.path)}` writes it")
         return _read(path)
 
     def _parquet(self, name: str) -> pd.DataFrame:

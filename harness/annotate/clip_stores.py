@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
@@ -14,6 +13,7 @@ from harness.annotate.label_store import LabelStore
 from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest
 from harness.files.folders import came_with_program
+from harness.files.safe_names import vfoa_command
 from harness.labels.files import target_names
 from harness.labels.labels import RESERVED, Timeline
 
@@ -38,8 +38,8 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
 def undo_command(manifest: ClipManifest, annotator: str | None) -> str:
     """The command line that takes back the last change of an annotator's labels."""
     known = clip_files().get(manifest.name)
-    clip = manifest.name if known and known.absolute() == manifest.path else str(manifest.path)
-    return shlex.join(["vfoa", "labels", "undo", clip, *(("--annotator", annotator) if annotator else ())])
+    clip = manifest.name if known and known.absolute() == manifest.path else manifest.path
+    return vfoa_command("labels", "undo", clip, *(("--annotator", annotator) if annotator else ()))
 
 
 def _targets(manifest: ClipManifest, path: Path | None) -> list[str]:

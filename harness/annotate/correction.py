@@ -6,7 +6,6 @@ beside the viewer read from ``/label.json`` what their form asks for.
 
 from __future__ import annotations
 
-import shlex
 import threading
 from collections.abc import Iterable
 from contextlib import closing
@@ -24,6 +23,7 @@ from starlette.routing import Route
 from harness.annotate.actions import mark_range
 from harness.annotate.clip_stores import open_store
 from harness.clips.manifest import ClipManifest, manifest_of_run
+from harness.files.safe_names import vfoa_command
 from harness.labels.labels import RESERVED, timeline_of
 from harness.report.write import refresh
 from harness.run.directory import RunDirectory
@@ -183,8 +183,8 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
                 {"subjects": subjects, "subject": subject, "targets": targets, "target": look.target, **ends}
             )
         annotator = directory.read_manifest().scored_annotator
-        undo = ["vfoa", "labels", "undo", query.clip, *(["--annotator", annotator] if annotator else [])]
-        return _page(_form(query, subject, targets, look, shlex.join(undo)))
+        undo = vfoa_command("labels", "undo", query.clip, *(["--annotator", annotator] if annotator else []))
+        return _page(_form(query, subject, targets, look, undo))
 
     def change(body: str) -> Response:
         posted = parse(Posted, dict(parse_qsl(body, max_num_fields=20)), "label")

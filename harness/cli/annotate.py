@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Clip, NoOpen, Port, RunConfiguration, run_directories, run_folder
-from harness.cli.terminal import ended_by_signals, say, say_forwarding, say_unknown_names, vfoa_command
+from harness.cli.terminal import ended_by_signals, say, say_forwarding, say_unknown_names
+from harness.files.safe_names import vfoa_command
 
 
 def annotate(

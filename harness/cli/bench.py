@@ -12,7 +12,8 @@ import typer
 
 from harness.cli.options import Overrides, ProviderName, Replace, bench_sections, clip_names, experiment_and_clip_names
 from harness.cli.run import experiment_of
-from harness.cli.terminal import print_reports, say, vfoa_command
+from harness.cli.terminal import print_reports, say
+from harness.files.safe_names import vfoa_command
 from vfoa.errors import VfoaError, check_known
 from vfoa.removed import removed
 

@@ -14,8 +14,9 @@ import typer
 
 from harness.cli.options import Json, named_once
 from harness.cli.run import experiment_of
-from harness.cli.terminal import print_json, print_table, say, vfoa_command
+from harness.cli.terminal import print_json, print_table, say
 from harness.files.groups import grouped
+from harness.files.safe_names import vfoa_command
 from vfoa.errors import VfoaError, listed
 
 if TYPE_CHECKING:

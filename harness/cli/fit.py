@@ -11,7 +11,8 @@ import typer
 
 from harness.cli.options import Overrides, Replace, configuration_names, experiment_and_clip_names
 from harness.cli.run import experiment_of
-from harness.cli.terminal import exit_if_interrupted, frames_bar, print_reports, say, vfoa_command
+from harness.cli.terminal import exit_if_interrupted, frames_bar, print_reports, say
+from harness.files.safe_names import vfoa_command
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:

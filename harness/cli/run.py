@@ -21,7 +21,8 @@ from harness.cli.options import (
     experiment_and_clip_names,
     preset_names,
 )
-from harness.cli.terminal import exit_if_interrupted, frames_bar, print_reports, print_scores, say, vfoa_command
+from harness.cli.terminal import exit_if_interrupted, frames_bar, print_reports, print_scores, say
+from harness.files.safe_names import vfoa_command
 from vfoa.errors import VfoaError, did_you_mean
 
 if TYPE_CHECKING:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 import signal
 import sys
 import time
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from harness.files.safe_names import shown
+from harness.files.safe_names import shown, vfoa_command
 from harness.processes import interrupt
 from vfoa.errors import listed
 
@@ -30,11 +29,6 @@ if TYPE_CHECKING:
 def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
     """Print text that may hold names of files, clips and people; control characters in it have no effect."""
     typer.echo(shown(text), err=err, nl=nl)
-
-
-def vfoa_command(*words: object) -> str:
-    """A command of vfoa to copy into a shell: words with blanks or other signs of the shell are quoted."""
-    return shlex.join(["vfoa", *map(str, words)])
 
 
 def print_table(

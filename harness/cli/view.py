@@ -21,7 +21,8 @@ from harness.cli.options import (
     run_directories,
     run_folder,
 )
-from harness.cli.terminal import ended_by_signals, say, say_forwarding, say_relabelled, signals_as_ctrl_c, vfoa_command
+from harness.cli.terminal import ended_by_signals, say, say_forwarding, say_relabelled, signals_as_ctrl_c
+from harness.files.safe_names import vfoa_command
 from vfoa.errors import VfoaError, did_you_mean, listed
 
 if TYPE_CHECKING:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest, un
 from harness.files.folders import find, is_run_of_program
 from harness.files.io import read_text, write_together
 from harness.files.parsing import parse_toml, toml_key, toml_value
+from harness.files.safe_names import vfoa_command
 from harness.labels.files import VERSION_LINE, format_annotations
 from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels
 from harness.sources import ADAPTERS, Clip, MeasuredClip, Recognised, Recogniser
@@ -155,7 +155,7 @@ def _each_folder(path: Path, readings: Sequence[Reading]) -> str:
     folders = {left.parts[0] for left in lefts if len(left.parts) > 1}
     if len(folders) != len(readings) or len(folders) < 2:
         return ""
-    return f"; or a clip of each folder: vfoa clips add {shlex.quote(str(path))}/*/"
+    return f"; or a clip of each folder: {vfoa_command('clips', 'add', path)}/*/"
 
 
 _WHO = """

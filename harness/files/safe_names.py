@@ -1,10 +1,12 @@
-"""Text of unknown origin: names that are safe in tables, and text that is safe on terminals and in spreadsheets."""
+"""Text of unknown origin: names that are safe in tables, text that is safe on terminals, in spreadsheets and shells."""
 
 from __future__ import annotations
 
 import re
+import shlex
 import unicodedata
 from collections.abc import Mapping
+from pathlib import PurePath
 from typing import TypeVar
 
 Value = TypeVar("Value")
@@ -57,6 +59,18 @@ def composed_keys(values: Mapping[str, Value]) -> dict[str, Value]:
 def shown(text: str) -> str:
     """Text of unknown origin for a terminal: control characters are escaped as in Python."""
     return _CONTROL.sub(lambda sign: "\n" if sign[0] == "\n" else ascii(sign[0])[1:-1], text)
+
+
+def shell_command(*words: object) -> str:
+    """A command to copy into a shell: signs of the shell are quoted, and no path reads as an option."""
+    return shlex.join(
+        f"./{word}" if isinstance(word, PurePath) and str(word).startswith("-") else str(word) for word in words
+    )
+
+
+def vfoa_command(*words: object) -> str:
+    """A command of vfoa to copy into a shell; see :func:`shell_command`."""
+    return shell_command("vfoa", *words)
 
 
 def plain_cell(text: str) -> str:

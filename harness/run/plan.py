@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-import shlex
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -17,6 +16,7 @@ from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.matching import first_middle_last, near_notes
 from harness.files.digests import code_digest, file_digest
+from harness.files.safe_names import vfoa_command
 from harness.labels.labels import Labels, timeline_of
 from harness.pipeline.configuration import METHODS, STAGES, Configuration, StageChoice, open_method, reads_clip
 from harness.pipeline.drawn_stage import DrawnClip, check_drawn
@@ -165,7 +165,7 @@ def default_stages(clip: str) -> list[StageChoice]:
 
 def fetch_command(clip: str) -> str:
     """The command that fetches the models of the default run of a clip, or of a family of clips."""
-    return shlex.join(["vfoa", "models", "fetch", "--for", clip])
+    return vfoa_command("models", "fetch", "--for", clip)
 
 
 def manifest_of(name: str, experiment: Experiment) -> ClipManifest:

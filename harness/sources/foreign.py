@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from harness.files.io import check_fetched, read_bytes
 from harness.files.parsing import parse_json
+from harness.files.safe_names import shell_command
 from harness.sources.recordings.containers import is_zstd, starts_with
 from harness.sources.recordings.mcap_files import MAGIC, refuse_damaged
 from vfoa.errors import VfoaError
@@ -55,7 +55,7 @@ def _refuse_packed(path: Path) -> None:
         plain = file.with_suffix("") if file.suffix.lower() in _ZSTD_SUFFIXES else file.with_name(f"plain_{file.name}")
         raise VfoaError(
             f"{file}: compressed as a whole (zstd; rosbag2's --compression-mode file); expected the folder with its "
-            f"metadata.yaml, or the file unpacked: zstd -d {shlex.quote(str(file))} -o {shlex.quote(str(plain))}"
+            f"metadata.yaml, or the file unpacked: {shell_command('zstd', '-d', file, '-o', plain)}"
         )
 
 

@@ -6,7 +6,6 @@ pictures of MPEG have no time there, and it has no decoder of AV1.
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Generator, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from harness.files.io import check_fetched
+from harness.files.safe_names import shell_command
 from harness.sources.media.images import MOST_PIXELS, too_many_pixels
 from vfoa.errors import VfoaError
 from vfoa.types import Image
@@ -189,7 +189,7 @@ def _opened(path: Path) -> Any:
         check_fetched(path)
         raise VfoaError(f"{path}: not a readable video; expected a file that FFmpeg opens") from None
     if stream.codec_context is None:
-        film = shlex.join(["ffmpeg", "-i", str(path), "-c:v", "libx264", "-crf", "15", f"{path.stem}_h264.mp4"])
+        film = shell_command("ffmpeg", "-i", path, "-c:v", "libx264", "-crf", "15", Path(f"{path.stem}_h264.mp4"))
         raise VfoaError(f"{path}: found a video codec that vfoa cannot decode; expected H.264, for example: `{film}`")
     return container
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from harness.files.digests import settled_stamp
+from harness.files.safe_names import shell_command
 from harness.sources import check_number
 from harness.sources.media.film import Film
 from vfoa.errors import VfoaError
@@ -183,7 +183,7 @@ class _Index:
 
 def _without_times(path: Path, found: str) -> VfoaError:
     """The error of a stream that no container gives times, with the command that does."""
-    film = shlex.join(["ffmpeg", "-r", "RATE", "-i", str(path), "-c", "copy", f"{path.stem}.mp4"])
+    film = shell_command("ffmpeg", "-r", "RATE", "-i", path, "-c", "copy", Path(f"{path.stem}.mp4"))
     return VfoaError(f"{path}: {found}; expected a film: `{film}`")
 
 
@@ -280,7 +280,7 @@ def _shown(path: Path) -> tuple[Turn, list[str]]:
         raise VfoaError(f"{path}: no frame can be read; expected a video that is not damaged")
     notes = []
     if picture.interlaced_frame:
-        whole = shlex.join(["ffmpeg", "-i", str(path), "-vf", "bwdif=0", "-crf", "15", f"{path.stem}_whole.mp4"])
+        whole = shell_command("ffmpeg", "-i", path, "-vf", "bwdif=0", "-crf", "15", Path(f"{path.stem}_whole.mp4"))
         notes.append(f"{path.name}: pictures are interlaced, their odd and even rows are of two times: `{whole}`")
     if abs(aspect - 1) > _SQUARE_TOLERANCE:
         notes.append(

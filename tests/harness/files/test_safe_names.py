@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import shlex
 from pathlib import Path
 
 import pytest
 
 from harness.clips.manifest import make_manifest
-from harness.files.safe_names import plain_cell, shown
+from harness.files.safe_names import plain_cell, shell_command, shown, vfoa_command
 from harness.labels.files import read_annotations
 from harness.pipeline.stage_files.coco_panoptic import _Category, _Segment
 from harness.report.formats import Table, csv_cell, to_csv
@@ -61,6 +62,15 @@ def test_clips_add_refuses_them_and_writes_nothing(
     assert (code, said.count("\n")) == (2, 1), said
     assert "found the name '@1+1'" in said
     assert not (tmp_path / "datasets").exists()
+
+
+def test_a_command_to_copy_has_the_same_words_in_a_shell_and_no_path_is_an_option() -> None:
+    paths = [Path("-x"), Path("--out"), Path("it's here/a b"), Path("~/$HOME"), Path("/-x"), Path("a\\*")]
+    command, *words = shlex.split(vfoa_command("view", *paths, "--failures"))
+    assert (command, words[0], words[-1]) == ("vfoa", "view", "--failures")
+    assert [Path(word) for word in words[1:-1]] == paths
+    assert not any(word.startswith("-") for word in words[1:-1])
+    assert shell_command("ffmpeg", "-i", Path("-a.avi")) == "ffmpeg -i ./-a.avi"
 
 
 def test_what_is_not_ours_is_text_in_tables_and_on_the_terminal(
