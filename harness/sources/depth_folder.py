@@ -32,7 +32,8 @@ class DepthFolderSettings(Settings):
     """Files of the clip, under the manifest's root, and the calibration of their camera.
 
     ``colour`` and ``depth`` are folders, globs (``depth/*.npy``), printf patterns, or two lists of times and files
-    (``rgb.txt``, ``depth.txt``, or twice ``associations.txt``), joined if they are at most ``tolerance_ms`` apart.
+    (``rgb.txt``, ``depth.txt``), joined if they are at most ``tolerance_ms`` apart, or twice the same list, in which a
+    line is a frame (``associations.txt``).
     ``stamps``: the numbers in the files' names are times, in this unit, and joined likewise. ``times`` is a file with
     the time of each colour image in a line, or in a column of a table, as of a ``stereo_folder``.
     ``depth_scale`` is the number of counts per metre (if not given, integers are in the unit that the calibration's

@@ -9,13 +9,13 @@ has both images of a frame in a line::
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from harness.files.io import read_text
 from harness.sources import Recognised
@@ -30,37 +30,59 @@ from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
 from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
 from vfoa.errors import VfoaError, counted
 
+Found = TypeVar("Found")
 
-def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
+
+def read_stamped_list(path: Path) -> dict[int, Path]:
     """Files by their time in ns, ascending; lines that begin with ``#`` are left out.
-
-    ``word``: of lines with two images, ``depth`` takes the one whose path has this word, any other word the other one.
 
     Raises
     ------
     VfoaError
         If a line is of another form, or a time occurs twice.
     """
-    images: dict[int, Path] = {}
+    rows = _by_time(path, "a time in seconds and a file", lambda cells: (cells[0], path.parent / " ".join(cells[1:])))
+    return dict(rows)
+
+
+def read_associations(path: Path) -> tuple[dict[int, Path], dict[int, Path]]:
+    """The colour image and the depth map of each line, both by the time of the colour image in ns, ascending.
+
+    A line is a frame, however far apart its times are: whoever wrote it knows what belongs together. What follows
+    in a line, such as a pose, is left out. Raises as :func:`read_stamped_list`.
+    """
+
+    def images(cells: list[str]) -> tuple[str, tuple[Path, Path]]:
+        pairs = cells[:2], cells[2:4]  # ICL-NUIM has depth first
+        for time, _ in pairs:
+            Decimal(time)  # a file would have been cut at a blank
+        depth, colour = sorted(pairs, key=lambda pair: _likeness_to_colour(pair[1].lower()))
+        return colour[0], (path.parent / colour[1], path.parent / depth[1])
+
+    rows = _by_time(path, "a time in seconds and a file, twice", images)
+    return {time_ns: colour for time_ns, (colour, _) in rows}, {time_ns: depth for time_ns, (_, depth) in rows}
+
+
+def _by_time(path: Path, expected: str, read: Callable[[list[str]], tuple[str, Found]]) -> list[tuple[int, Found]]:
+    """What is read of the cells of each line, beside its time in ns, ascending."""
+    rows: dict[int, Found] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         cells = line.split()
         if not cells or cells[0].startswith("#"):
             continue
-        if len(cells) == 4 and word:  # ICL-NUIM has depth first
-            depth, colour = sorted((cells[2:], cells[:2]), key=lambda pair: _likeness_to_colour(pair[1].lower()))
-            cells = depth if word == "depth" else colour
         try:
-            stamp_ns = round(Decimal(cells[0]) * 10**9)
+            time, found = read(cells)
+            stamp_ns = round(Decimal(time) * 10**9)
             if len(cells) == 1:
                 raise ValueError
-        except (InvalidOperation, ValueError, OverflowError):
-            raise VfoaError(f"{path}:{number}: found {line.strip()!r}; expected a time in seconds and a file") from None
-        if stamp_ns in images:
-            raise VfoaError(f"{path}:{number}: the time {cells[0]} occurs twice")
-        images[stamp_ns] = path.parent / " ".join(cells[1:])
-    if not images:
-        raise VfoaError(f"{path}: no images; expected lines of a time in seconds and a file")
-    return dict(sorted(images.items()))
+        except (InvalidOperation, ValueError, OverflowError, IndexError):
+            raise VfoaError(f"{path}:{number}: found {line.strip()!r}; expected {expected}") from None
+        if stamp_ns in rows:
+            raise VfoaError(f"{path}:{number}: the time {time} occurs twice")
+        rows[stamp_ns] = found
+    if not rows:
+        raise VfoaError(f"{path}: no images; expected lines of {expected}")
+    return sorted(rows.items(), key=lambda row: row[0])
 
 
 def _likeness_to_colour(path: str) -> int:
@@ -92,8 +114,9 @@ def find_depth_frames(
 ) -> DepthFrames:
     """Return the frames of two patterns of files (``rgb/*.png``), or of two lists of files with times (``rgb.txt``).
 
-    Frames of lists are numbered from 1 by the colour images' times, at most ``tolerance_ms`` from the depth's. Lists
-    may have the frames' numbers in place of times, as ICL-NUIM's do.
+    Frames of lists are numbered from 1 by the colour images' times, at most ``tolerance_ms`` from the depth's. In one
+    list of both (``associations.txt``), each line is a frame. Lists may have the frames' numbers in place of times, as
+    ICL-NUIM's do.
     ``stamps``: so far apart, too, may the numbers in names be, which are times in this unit. ``times``: a file with the
     time of each colour image.
 
@@ -108,8 +131,10 @@ def find_depth_frames(
     depths: Mapping[int, Path]
     tick_ns = 1 if stamps is None else TICKS_NS[stamps]
     if is_listed := colour.endswith(".txt"):
-        words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
-        colours, depths = map(read_stamped_list, (folder / colour, folder / depth), words)
+        if colour == depth:
+            colours, depths = read_associations(folder / colour)
+        else:
+            colours, depths = map(read_stamped_list, (folder / colour, folder / depth))
         if _has_frame_numbers(folder / colour) and _has_frame_numbers(folder / depth):
             is_listed, colours, depths = False, *({t // 10**9: each[t] for t in each} for each in (colours, depths))
     else:

@@ -234,6 +234,25 @@ def test_a_list_of_associations_is_read_alone(
         np.testing.assert_allclose(frame.depth_m, metres(n), atol=1.1e-4)
 
 
+def test_a_line_of_associations_is_a_frame_whatever_its_times(tmp_path: Path) -> None:
+    """Depth of 15 Hz beside colour of 30 Hz, whose clock is 30 ms behind: by time, each would have the one before."""
+    lines = []
+    for number in range(6):
+        write_image(tmp_path / "rgb" / f"{number}.png", picture(number))
+        write_counts(tmp_path / "depth" / f"{number // 2}.png", number // 2, 5000.0)
+        colour_s, depth_s = 100 + number / 30, 100.03 + number // 2 / 15
+        lines.append(f"{colour_s:.6f} rgb/{number}.png {depth_s:.6f} depth/{number // 2}.png\n")
+    write_text(tmp_path / "associations.txt", "".join(lines))
+    settings = {"colour": "associations.txt", "depth": "associations.txt", "depth_scale": 5000, "camera": CAMERA}
+    clip = DepthFolderClip(DepthFolderSettings.model_validate(settings), tmp_path)
+    assert (clip.frames, clip.notes) == (tuple(range(1, 7)), ())
+    for number in clip.frames:
+        frame = clip.frame(number)
+        assert np.array_equal(frame.left, picture(number - 1))
+        np.testing.assert_allclose(frame.depth_m, metres((number - 1) // 2), atol=1.1e-4)
+        assert frame.time_ns == pytest.approx((100 + (number - 1) / 30) * 1e9, abs=1000)
+
+
 @pytest.mark.parametrize("first", [0, 1])
 def test_lists_with_numbers_of_frames_have_no_times(tmp_path: Path, first: int) -> None:
     """ICL-NUIM's: as seconds, its 30 images of a second would be a second apart."""
