@@ -4,9 +4,9 @@ Its columns are found by their names (:data:`COLUMNS`), in any order, case and d
 (:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, or for a
 ``duration``, in seconds, milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in
 one frame, which is that of the number ``frame``, or in the name of an ``image``, or nearest to ``time_s``, ``time_ms``,
-``time_us`` or ``time_ns``; of several such rows, a frame takes the nearest. Nanoseconds are of the clip's own clock, if
-no offset is given. If asked for (:attr:`Exchange.until_next`), a row holds from its time or frame until the next row of
-its subject.
+``time_us`` or ``time_ns``; of several such rows, a frame takes the nearest. Nanoseconds, and times since 1970 in any
+unit or as dates, are of the clip's own clock, if no offset is given. If asked for (:attr:`Exchange.until_next`), a row
+holds from its time or frame until the next row of its subject.
 
 In place of ``subject`` and ``target`` there may be a column named after each subject, with the subject's targets; in
 place of ``target``, a column named after each target, with 1 where it is looked at and else 0. What eye trackers export
@@ -40,6 +40,7 @@ from harness.labels.formats.table_times import (
     Cells,
     check_milliseconds,
     check_unit,
+    on_own_clock,
     time_ms_of,
     until_next,
     whole_of,
@@ -115,6 +116,7 @@ class OwnTable(ReadOnly):
         """Read labels. Without a column of subjects they are those of the clip's only one."""
         check_no_recording(path)
         rows = _of_recording(of_eye_tracker(even_rows(path), path), exchange, path)
+        exchange = on_own_clock(rows, _meant(rows[0][1]), exchange)
         rows, notes = with_frames_of_images(rows, _meant(rows[0][1]), exchange, path)
         imported = from_rows(_by_target(_by_subject(rows, exchange), exchange, path), exchange, path)
         return replace(imported, notes=(*notes, *imported.notes))

@@ -6,6 +6,8 @@ import math
 import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path, PurePath
 
@@ -27,6 +29,14 @@ _CODE = re.compile(r"([0-9]{1,4}):([0-5][0-9]):([0-5][0-9])([:;])([0-9]{2})")
 """A time code of a film's editor; a semicolon says that numbers are dropped, as with 29.97 frames per second."""
 _NUMBER = re.compile(r"-?(?:[0-9]{1,16}(?:\.[0-9]*)?|\.[0-9]+)")
 
+_STAMP = re.compile(r"([0-9]{10}|[0-9]{13}|[0-9]{16}|[0-9]{19})(?:\.[0-9]*)?")
+_MS_BY_DIGITS: Mapping[int, float] = {10: 1e3, 13: 1.0, 16: 1e-3, 19: 1e-6}
+_LEAST_STAMP_NS = 10**18
+"""The unit of times since 1970, of the years 2001 to 2286, by their digits; the least of them."""
+_DATE = re.compile(
+    r"([0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:[0-9]{2}:[0-9]{2})(?:[.,]([0-9]{1,9}))? ?(Z|[+-][0-9]{2}:?[0-9]{2})?"
+)
+
 UNITS = ("s", "sec", "seconds", "ms", "us", "ns", "frame", "frames")
 """Last words of columns that name their unit."""
 _LEAST_TIMES, _LEAST, _LEAST_SHARE, _MOST_SHARE = 5, 20, 0.2, 1.2
@@ -41,7 +51,7 @@ def check_unit(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, 
         If times reach more than five times the clip's end, and in the other unit end near it.
     """
     cells = _numbers(rows, place)
-    if place[0] not in ("start_s", "time_s") or not cells:
+    if place[0] not in ("start_s", "time_s") or all(map(_STAMP.fullmatch, cells)):
         return
     last, end_s = max(map(float, cells)), exchange.shown.times_ns[-1] / 1e9
     units = (
@@ -85,8 +95,11 @@ def _numbers(rows: Sequence[Cells], place: Sequence[str]) -> list[str]:
 def time_ms_of(cell: str, where: str, *, unit_ms: float, fps: float | None) -> float:
     """Milliseconds, of a number in a unit or ``h:mm:ss`` (of pandas, ``0 days h:mm:ss``); raises with its place.
 
+    Those since 1970 may be a date, which is of UTC without a zone, and in place of seconds have any unit.
     ``fps`` is the rate of time codes (``hh:mm:ss:ff``), each of which is the time at which its frame begins.
     """
+    if (since_1970 := _since_1970_ms(cell, unit_ms)) is not None:
+        return since_1970
     if code := _CODE.fullmatch(cell):
         return _code_ms(code, where, fps)
     if clock := _CLOCK.fullmatch(cell):
@@ -95,6 +108,34 @@ def time_ms_of(cell: str, where: str, *, unit_ms: float, fps: float | None) -> f
     if not _NUMBER.fullmatch(cell):
         raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected a time, such as 12.5 or 0:01:02.5")
     return float(cell) * unit_ms
+
+
+def _since_1970_ms(cell: str, unit_ms: float) -> float | None:
+    """A time since 1970; None of any other. A column of seconds may name no unit, and be of any."""
+    if date := _DATE.fullmatch(cell):
+        try:
+            return 1000 * (datetime.fromisoformat(date[1] + (date[3] or "Z")).timestamp() + float(f"0.{date[2] or 0}"))
+        except ValueError:
+            return None
+    if not (stamp := _STAMP.fullmatch(cell)):
+        return None
+    of_digits = _MS_BY_DIGITS[len(stamp[1])]
+    return float(cell) * of_digits if unit_ms in (of_digits, MS_PER_UNIT["time_s"]) else None
+
+
+def on_own_clock(rows: Sequence[Row], meant: Sequence[str | None], exchange: Exchange) -> Exchange:
+    """The clip at its own times, if these and the times of a table, whose columns are ``meant``, are since 1970.
+
+    A given offset counts as it is.
+    """
+    at = next((at for at, name in enumerate(meant) if name in MS_PER_UNIT), None)
+    first_ns = next(iter(exchange.timeline.times_ns), 0)
+    if at is None or exchange.offset is not None or first_ns < _LEAST_STAMP_NS:
+        return exchange
+    unit_ms = MS_PER_UNIT[meant[at] or ""]
+    cells = [cells[at] for _, cells in rows[1:] if not is_missing(cells[at])]
+    is_stamped = all(_since_1970_ms(cell, unit_ms) is not None for cell in cells)
+    return replace(exchange, offset=first_ns / 1e9) if is_stamped else exchange
 
 
 def _code_ms(code: re.Match[str], where: str, fps: float | None) -> int:
@@ -225,13 +266,18 @@ def without_times(
         apart = [
             (line, cells[columns[place[0]]], _ns(cells[columns[begin]], begin, exchange.fps) - clip_ns[number])
             for line, cells in lines
-            if (number := _frame_number(cells[columns[place[0]]])) in clip_ns and not is_missing(cells[columns[begin]])
+            if (number := _frame_number(cells[columns[place[0]]])) in clip_ns and _is_clock(cells[columns[begin]])
         ]
     except VfoaError:
         apart = []
     if apart:
         _check_apart(apart, (place[0], begin), clip_ns, path)
     return {name: at for name, at in columns.items() if name not in times}, [columns[name] for name in times]
+
+
+def _is_clock(cell: str) -> bool:
+    """Whether a cell beside a frame is its time; a date may be when it was labelled."""
+    return not (is_missing(cell) or _DATE.fullmatch(cell))
 
 
 def _times_of_frames(exchange: Exchange, *, is_ns: bool) -> Mapping[int | None, float]:

@@ -1,4 +1,4 @@
-"""Times of day and time codes in tables of one's own: of spreadsheets, Datavyu, and editors of films."""
+"""Times of day, time codes and times since 1970 in tables of one's own: of spreadsheets, Datavyu, editors, scripts."""
 
 from __future__ import annotations
 
@@ -61,3 +61,42 @@ def test_every_picture_has_its_own_time_code(tmp_path: Path) -> None:
 def test_time_codes_that_are_none_are_refused(tmp_path: Path, code: str, fps: float | None) -> None:
     with pytest.raises(VfoaError, match=r"mine\.csv:2: start_s: found.*(--fps|expected a time)"):
         _read(tmp_path, f"{code},00:00:03:00", fps=fps)
+
+
+DATED = PlainClip(frames=range(10), rate_hz=10.0, start_ns=1_714_564_803_250_000_000)
+"""Its first frame is at 2024-05-01 12:00:03.25 UTC."""
+SECONDS = 1_714_564_803
+
+
+@pytest.mark.parametrize(
+    ("columns", "first", "second"),
+    [
+        ("timestamp", "2024-05-01T12:00:03.450", "2024-05-01T12:00:03.550"),
+        ("timestamp", "2024-05-01 12:00:03.450000+00:00", "2024-05-01 14:00:03.550000+02:00"),
+        ("timestamp", f"{SECONDS}.45", f"{SECONDS}.55"),
+        ("timestamp", f"{SECONDS}450", f"{SECONDS}550"),
+        ("timestamp", f"{SECONDS}450000000", f"{SECONDS}550000000"),
+        ("time_ms", f"{SECONDS}450", f"{SECONDS}550.0"),
+        ("time_us", f"{SECONDS}450000", f"{SECONDS}550000"),
+        ("start,end", f"{SECONDS}.45,{SECONDS}.55", f"{SECONDS}.55,{SECONDS}.65"),
+        ("start,duration", "2024-05-01T12:00:03.45Z,0.1", "2024-05-01T12:00:03.55Z,0.1"),
+        ("start_ms,duration_ms", f"{SECONDS}450,100", f"{SECONDS}550,100"),
+    ],
+)
+def test_times_since_1970_are_those_of_a_clip_with_such_times(
+    tmp_path: Path, columns: str, first: str, second: str
+) -> None:
+    text = f"{columns},who,what\n{first},girl,bird\n{second},girl,cup\n"
+    path, expected = write_text(tmp_path / "mine.csv", text), Labels([row(2, 2, "bird"), row(3, 3, "cup")])
+    assert OwnTable().read(path, exchange(DATED)).labels == expected
+    film = exchange(PlainClip(frames=range(10), rate_hz=10.0), offset=SECONDS + 0.25)
+    assert OwnTable().read(path, film).labels == expected
+
+
+def test_times_since_the_beginning_are_no_times_since_1970(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "mine.csv", "time,who,what\n0.2,girl,bird\n0.3,girl,cup\n")
+    assert OwnTable().read(path, exchange(DATED)).labels == Labels([row(2, 2, "bird"), row(3, 3, "cup")])
+    late = write_text(tmp_path / "late.csv", "time,who,what\n2024-05-01T12:00:09,girl,bird\n")
+    assert not OwnTable().read(late, exchange(DATED)).labels.ranges
+    with pytest.raises(VfoaError, match="expected a time"):
+        OwnTable().read(write_text(late, "time,who,what\n2024-05-41T12:00:09,girl,bird\n"), exchange(DATED))
