@@ -76,7 +76,7 @@ def export_clip(
     jpeg: Annotated[bool, typer.Option("--jpg", help="Write JPEG (quality 95), not PNG.")] = False,
     limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Write only the first N frames.")] = None,
 ) -> None:
-    """Write a clip's rectified images as files named by frame, and its camera, for other programs.
+    """Write a clip's rectified images as files named by frame, their times, and its camera, for other programs.
 
     The masks, faces and disparities that they make of these images are read as stage outputs (datasets/README.md).
     ELAN and BORIS label films: FILM writes one of a clip that is none.

@@ -3,6 +3,7 @@
 FOLDER/
     left/00001.png      by the clip's own frame numbers
     right/00001.png     on demand
+    times.csv           the time of each frame, seconds
     calib.txt           the rectified pair, in Middlebury's format
     K.txt               in its place, of a clip without right images: the camera's matrix
     calib/00001.txt     in its place, one for each frame, where the frames are of several cameras (KITTI's)
@@ -12,8 +13,9 @@ FILM.mp4                or the left images alone, each at its time in the clip
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
 
@@ -43,7 +45,7 @@ def export_images(
     with_right: bool = False,
     progress: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write the images of some frames, and the camera, to a new folder; ``progress`` is called after each frame.
+    """Write the images of some frames, their times and the camera to a new folder; ``progress`` is called after each.
 
     Raises
     ------
@@ -52,7 +54,7 @@ def export_images(
         nothing is written.
     """
     pending, suffix = deque[Future[None]](), ".jpg" if as_jpeg else ".png"
-    cameras = dict[int, str]()
+    cameras, times_ns = dict[int, str](), dict[int, int]()
     with new_folder(folder) as draft, ThreadPoolExecutor(_WRITERS) as pool:
         for number in frames:
             frame = clip.frame(number)
@@ -60,11 +62,13 @@ def export_images(
                 (draft / view).mkdir(exist_ok=True)
                 pending.append(pool.submit(_write, draft / view / f"{number:05d}{suffix}", image))
             cameras[number] = _camera(frame.rig) if frame.right is None else _pair(frame.rig)
+            times_ns[number] = frame.time_ns
             while len(pending) > 2 * _WRITERS:
                 pending.popleft().result()
             progress()
         for each in pending:
             each.result()
+        atomic_write(draft / "times.csv", _times(times_ns))
         name = "K" if frame.right is None else "calib"
         if len({*cameras.values()}) == 1:
             atomic_write(draft / f"{name}.txt", cameras[frames[0]])
@@ -124,6 +128,11 @@ def _views(frame: StereoFrame, *, with_right: bool) -> Iterator[tuple[str, Image
 def _write(path: Path, image: Image) -> None:
     options = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY) if path.suffix == ".jpg" else ()
     path.write_bytes(encode_rgb(image, path.suffix, *options))
+
+
+def _times(times_ns: Mapping[int, int]) -> str:
+    rows = [f"{number},{Decimal(time_ns).scaleb(-9):f}" for number, time_ns in times_ns.items()]
+    return "\n".join(["frame,time_s", *rows, ""])
 
 
 def _pair(rig: StereoRig) -> str:

@@ -15,6 +15,7 @@ from harness.clips.manifest import load_manifest
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.media.images import read_rgb
+from harness.sources.media.listed_times import find_times
 from harness.sources.media.video import Video
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
 from tests.command import vfoa
@@ -41,18 +42,21 @@ class Pictures(PlainClip):
         left, right = np.random.default_rng(number).integers(0, 256, (2, 48, 64, 3), dtype=np.uint8)
         depth = None if self.has_right else np.ones((48, 64), np.float32)
         right = right if self.has_right else None
-        return StereoFrame(index=number, time_ns=number, left=left, right=right, depth_m=depth, rig=RIG)
+        time_ns = 1_700_000_000_123_456_789 + number
+        return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, depth_m=depth, rig=RIG)
 
 
 def test_they_are_read_again_as_the_same_frames(tmp_path: Path) -> None:
     clip, done = Pictures(), list[None]()
     export_images(clip, tmp_path / "out", clip.frames, with_right=True, progress=lambda: done.append(None))
     assert len(done) == 3
-    settings = {"left": "left/%05d.png", "right": "right/%05d.png", "calibration": "calib.txt"}
+    pattern = {"left": "left/%05d.png", "right": "right/%05d.png", "calibration": "calib.txt"}
+    settings = {**pattern, "times": find_times(tmp_path / "out", "left")}
     again = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path / "out")
     assert tuple(again.frames) == clip.frames
     for number in clip.frames:
         expected, found = clip.frame(number), again.frame(number)
+        assert found.time_ns == expected.time_ns
         assert found.right is not None
         assert np.array_equal(found.left, expected.left)
         assert np.array_equal(found.right, expected.right)
@@ -66,6 +70,7 @@ def test_without_right_images_there_is_the_camera_alone(tmp_path: Path) -> None:
     assert sorted(path.relative_to(tmp_path / "out").as_posix() for path in tmp_path.rglob("*.*")) == [
         "K.txt",
         "left/00003.jpg",
+        "times.csv",
     ]
     camera = read_one_camera(tmp_path / "out" / "K.txt", (64, 48))
     assert np.array_equal(camera.k, RIG.camera_matrix)
