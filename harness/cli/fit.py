@@ -81,10 +81,10 @@ def fit(
         run = read_labelled(finished, config, executor=workers, bar=frames_bar)
     try:
         fitted = fit_logit(run, first_s=first_s)
-    except VfoaError:
-        if not even_if_worse:
-            raise
+    except VfoaError as error:
         fitted = fit_logit(run, first_s=first_s, scored=False)
+        if not even_if_worse:
+            raise VfoaError(f"{error} (--even-if-worse writes a file without a score)") from None
     reports = fit_tables(fitted)
     print_reports(reports)
     if tables is not None:

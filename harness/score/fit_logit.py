@@ -38,7 +38,6 @@ from vfoa.types import Flags, Float
 BLOCK_S = 10.0
 """Shortest block that is left out of a single clip, seconds: a look must not be on both sides of a border."""
 _MOST_BLOCKS = 8
-_UNSCORED = "(--even-if-worse writes a file without a score)"
 CURVE_S = (20, 60, 120, 240, 480, 960)
 """Labelled seconds at which the learning curve is computed."""
 FITTED, DEFAULT = "fitted", "default weights"
@@ -77,8 +76,7 @@ def _first_and_rest(run: LabelledRun, first_s: float) -> Fold:
         longest_s = max(person.labelled_s for person in run.people)
         raise VfoaError(
             f"fit: {run.experiment}: --first {first_s:g}s: each person has at most {longest_s:.1f} labelled seconds; "
-            "expected more, to score the fit on the rest: label more, or fit on fewer seconds "
-            f"{_UNSCORED}"
+            "expected more, to score the fit on the rest: label more, or fit on fewer seconds"
         )
     return Fold(first, rest)
 
@@ -92,7 +90,7 @@ def _blocks(run: LabelledRun) -> list[Fold]:
     if count < 2:
         raise VfoaError(
             f"fit: {run.experiment}: {labelled_s:.1f} s are labelled; expected at least {2 * BLOCK_S:g} s, to fit on "
-            f"one part and score on the other {_UNSCORED}"
+            f"one part and score on the other"
         )
     folds = []
     for low, high in itertools.pairwise(np.linspace(begin, end + 1e-6, count + 1)):

@@ -240,6 +240,7 @@ def test_the_command_names_what_it_wrote_and_left_out(
     assert code == 0
     assert said.splitlines()[-1] == f"5 files in {out}: frr, frr_by_clip, error_types, confusion, calibration"
     assert said.startswith("Left out: learning_curve: ")
+    assert "--even-if-worse" not in said  # an option of vfoa fit
     assert {path.name for path in out.iterdir()} == {f"{name}_1col.svg" for name in EXPECTED}
     for file in files.glob("*.svg"):
         assert (out / file.name).read_bytes() == file.read_bytes()  # equal runs give equal bytes
