@@ -42,6 +42,7 @@ from harness.labels.formats.table_times import (
     check_unit,
     on_own_clock,
     time_ms_of,
+    to_last_pictures,
     until_next,
     whole_of,
     with_frames_of_images,
@@ -344,7 +345,10 @@ def _spans(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path
             numbers = [whole_of(*each) for each in ends]
             start, end = (round(1000 * frame / (exchange.fps or 1.0)) for frame in (numbers[0], numbers[1] + 1))
         spans.append(Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where))
-    return from_spans(spans, exchange, path, shown=in_ms(_timeline(place[0], exchange, path)))
+    ends_of_rows = [cells[place[-1]] for _, cells in rows]
+    whole, notes = to_last_pictures(spans, ends_of_rows, exchange.fps, path)
+    imported = from_spans(whole, exchange, path, shown=in_ms(_timeline(place[0], exchange, path)))
+    return replace(imported, notes=(*notes, *imported.notes))
 
 
 def _timeline(column: str, exchange: Exchange, path: Path) -> Timeline:

@@ -13,7 +13,7 @@ from pathlib import Path, PurePath
 
 from harness.files.dialects import Row, is_missing, number_hint, plain_name
 from harness.files.tables import whole_number
-from harness.labels.formats.exchange import MS, Exchange
+from harness.labels.formats.exchange import MS, Exchange, Span
 from harness.labels.labels import Timeline
 from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES
 from harness.sources.media.frame_times import TICKS_NS, stamp_unit
@@ -148,6 +148,29 @@ def _code_ms(code: re.Match[str], where: str, fps: float | None) -> int:
     drops = code[4] == ";" and rate % 30 == 0 and fps < rate
     dropped = rate // 15 * (minutes - minutes // 10) if drops else 0
     return math.floor((rate * (60 * minutes + seconds) + frame - dropped) * 1000 / fps)
+
+
+def to_last_pictures(
+    spans: Sequence[Span], ends: Iterable[str], fps: float | None, path: Path
+) -> tuple[Sequence[Span], tuple[str, ...]]:
+    """Spans of time codes to the end of the last picture where their ``ends`` are the codes of it, with a note.
+
+    They are in INTERACT: a row begins one picture after another one ends, or ends where it begins, and none begins
+    where another one ends.
+    """
+    if fps is None or not all(map(_CODE.fullmatch, ends)):
+        return spans, ()
+    picture_ms = 1000 / fps
+    begins = [(span.subject, span.start_ms) for span in spans]
+    after = {(subject, round(begin_ms / picture_ms)) for subject, begin_ms in begins}
+    last = [(span.subject, round(span.end_ms / picture_ms)) for span in spans if span.start_ms < span.end_ms]
+    is_next = len(last) < len(spans) or any((subject, number + 1) in after for subject, number in last)
+    if not is_next or not after.isdisjoint(last):
+        return spans, ()
+    note = (
+        f"{path}: rows end with the picture of their time code, since others begin one picture later (as of INTERACT)."
+    )
+    return [replace(span, end_ms=round(span.end_ms + picture_ms)) for span in spans], (note,)
 
 
 def whole_of(cell: str, where: str, what: str = "the number of a frame") -> int:

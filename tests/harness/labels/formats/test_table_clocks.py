@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,32 @@ EXPECTED = Labels([row(11, 30, "bird"), row(31, 60, "cup")])
 def test_clocks_and_time_codes_say_the_same(tmp_path: Path, rows: tuple[str, str], fps: float | None) -> None:
     """At another rate, a time code is that of the picture that the film shows then."""
     assert _read(tmp_path, *rows, fps=fps) == EXPECTED
+
+
+@pytest.mark.parametrize("fps", [25.0, 29.97])
+@pytest.mark.parametrize(
+    ("rows", "ends"),
+    [
+        (("00:00:00:10,00:00:01:04", "00:00:01:05,00:00:02:09"), 1),  # the next one begins one picture later
+        (("00:00:00:10,00:00:01:04", "00:00:01:07,00:00:01:07"), 1),  # one picture
+        (("00:00:00:10,00:00:01:05", "00:00:01:05,00:00:02:09"), 0),  # the next one begins where it ends
+        (("00:00:00:10,00:00:01:05", "00:00:01:08,00:00:02:09"), 0),
+    ],
+)
+def test_the_last_picture_of_a_row_is_in_it_where_the_next_one_begins_after_it(
+    tmp_path: Path, rows: tuple[str, str], ends: int, fps: float
+) -> None:
+    """INTERACT's rows end with their last picture, those of editors with the next one."""
+    clip, codes = PlainClip(frames=range(100), rate_hz=fps), [cells.split(",") for cells in rows]
+    text = "\n".join(
+        ["start,end,who,what", f"{rows[0]},girl,bird", f"{rows[1]},girl,cup", "0:00:00:11,0:00:02:20,boy,cup"]
+    )
+    imported = OwnTable().read(write_text(tmp_path / "mine.csv", text), exchange(clip, fps=fps))
+    rate = math.ceil(fps)
+    places = [[rate * int(code[6:8]) + int(code[9:]) for code in pair] for pair in codes]
+    expected = [row(first, last - 1 + ends, name) for (first, last), name in zip(places, ("bird", "cup"), strict=True)]
+    assert [each for each in imported.labels.of("girl") if each.label.target != "ignore"] == expected
+    assert any("INTERACT" in note for note in imported.notes) == bool(ends)
 
 
 def test_time_codes_of_onsets_and_of_single_frames_are_read(tmp_path: Path) -> None:
