@@ -67,8 +67,9 @@ class SceneCache:
                 if final.get(name) == keys:  # otherwise, a stage has answered differently than before
                     self._keep(name, keys)
             for sink in sinks:
-                if not (path := self._of_pictures(sink)).exists() and sink.is_whole(context):
-                    self._pack(path, _files(sink.folder(context)), "files", self._images())
+                path, folder = self._of_pictures(sink), sink.folder(context)  # none is there of a clip without images
+                if not path.exists() and folder.is_dir() and sink.is_whole(context):
+                    self._pack(path, _files(folder), "files", self._images())
         except (OSError, VfoaError) as error:
             warn_not_stored(self.store.root, error)
 

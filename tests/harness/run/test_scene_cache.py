@@ -342,3 +342,19 @@ def test_every_kind_of_scene_is_found_again(
         monkeypatch.setattr(loop, "_perception", _perceives_nothing)
         with pytest.raises(AssertionError, match="perceived again"):
             _run(experiment, tmp_path / "third", store)
+
+
+def test_of_a_clip_without_images_no_pictures_are_missed(
+    tmp_path: Path, store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The first configuration's scene is copied, so that only the second one is perceived."""
+    monkeypatch.chdir(tmp_path)
+    measured_tables(tmp_path / "data" / "talk")
+    add_clip(tmp_path / "data" / "talk")
+    _run(write_text(tmp_path / "kinds.toml", POSES), tmp_path / "first", store)
+    shutil.rmtree(store.stages / "pictures")  # as trimming does
+    both = f'{POSES}[[configuration]]\nname = "heads"\ngaze.model = "none"\n'
+    second = _run(write_text(tmp_path / "kinds.toml", both), tmp_path / "second", store)
+    assert caplog.messages == []
+    assert (store.stages / "directions").is_dir()
+    assert not second.read_manifest().failed
