@@ -32,7 +32,7 @@ EVERYONE = "Everyone"
 class ClipContent:
     """The content of a clip's recording: the kinds of its images, the extent of its scene, and how it is played.
 
-    ``per_second`` is how many numbers of frames a second has; None if it is not known.
+    ``per_second`` is how many numbers of frames a second has.
     ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres. ``span`` is the
     first and the last frame, None if they are not known yet. ``is_from_0``: its times begin near 0, unlike those of
     a clock. ``curves`` are the entity paths of attention that have values.
@@ -42,7 +42,7 @@ class ClipContent:
     has_right: bool
     has_measured_depth: bool
     eye: tuple[Float, Float]
-    per_second: float | None
+    per_second: float
     span: tuple[int, int] | None = None
     is_from_0: bool = True
     curves: frozenset[str] = frozenset()
@@ -238,7 +238,7 @@ def _plot(
 
 def _states(layers: LayerNames, subject: str | None, shown: ClipContent) -> rrb.StateTimelineView:
     origin, window = _of_subject(entities.verdict, layers, subject), None
-    if shown.span is not None and shown.per_second is not None and shown.per_second > _MOST_NUMBERS:
+    if shown.span is not None and shown.per_second > _MOST_NUMBERS:
         half = min(round(_HALF_WINDOW_S * shown.per_second), shown.span[1] - shown.span[0])
         before, after = (rrb.TimeRangeBoundary.cursor_relative(seq=numbers) for numbers in (-half, half))
         window = rrb.TimeAxis(view_range=rr.TimeRange(start=before, end=after))

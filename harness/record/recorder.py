@@ -122,7 +122,7 @@ class Recorder:
     colours
         Those of the clip's other recordings: :func:`noted_colours`.
     per_second
-        How many numbers of frames a second has, for the viewer; None if it is not known.
+        How many numbers of frames a second has, for the viewer.
     names
         The names of the manifest, in its order: their curves are one entity.
     probabilistic
@@ -133,7 +133,7 @@ class Recorder:
     layers: LayerNames
     colours: Colours
     _: KW_ONLY
-    per_second: float | None
+    per_second: float
     names: Sequence[str] = ()
     probabilistic: bool = False
 

@@ -297,7 +297,7 @@ def test_an_error_leaves_no_recording_that_looks_finished(frames, tmp_path):
 def _break(files, frames):
     with (
         SharedRecorder(files, {CONFIGURATION: LAYERS}, rate_hz=None) as recorder,
-        Recorder(files, LAYERS, recorder.colours, per_second=None) as of_one,
+        Recorder(files, LAYERS, recorder.colours, per_second=25) as of_one,
     ):
         recorder.write(shared({CONFIGURATION: frames[0]}))
         of_one.write(frames[0].finished)
@@ -309,7 +309,7 @@ def test_a_clip_without_frames_or_names_is_a_recording_too(tmp_path, frames):
         files = ClipFiles(run=tmp_path, clip=clip)
         with (
             SharedRecorder(files, {CONFIGURATION: LAYERS}, rate_hz=None) as recorder,
-            Recorder(files, LAYERS, recorder.colours, per_second=None) as of_one,
+            Recorder(files, LAYERS, recorder.colours, per_second=25) as of_one,
         ):
             for frame in written:
                 recorder.write(shared({CONFIGURATION: frame}))

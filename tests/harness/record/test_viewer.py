@@ -103,12 +103,14 @@ def test_a_plot_does_not_begin_in_1970_where_times_are_those_of_a_clock(frames, 
     assert any(True for _ in chunks) == has_room
 
 
-@pytest.mark.parametrize(("step", "per_second"), [(1, 25), (8, 200), (40_000_000, 1e9)])
-def test_the_viewer_plays_in_real_time_whatever_frames_are_numbered_by(frames, tmp_path, step, per_second):
-    """They are counted, or every eighth is there of counted ones, or they are nanoseconds."""
+@pytest.mark.parametrize(
+    ("rate_hz", "step", "per_second"), [(25, 1, 25), (25, 8, 200), (25, 40_000_000, 1e9), (None, 1, 25), (None, 8, 25)]
+)
+def test_the_viewer_plays_in_real_time_whatever_frames_are_numbered_by(frames, tmp_path, rate_hz, step, per_second):
+    """They are counted, or every eighth is there of counted ones, or they are nanoseconds; no times: 25 numbers a s."""
     write_run(tmp_path / "run", {CONFIGURATION: frames})
     (clip,) = find_clips(tmp_path / "run", None, None)
-    composed = replace(clip, frames=tuple(7 + step * each for each in range(4))).compose()
+    composed = replace(clip, rate_hz=rate_hz, frames=tuple(7 + step * each for each in range(4))).compose()
     reader = RrdReader(composed.files_to_open(tmp_path)[0])
     chunks = reader.stream(store=reader.blueprints()[0]).filter(components="TimePanelBlueprint:fps")
     assert [chunk.to_record_batch().column("TimePanelBlueprint:fps")[0].as_py() for chunk in chunks] == [[per_second]]
