@@ -237,10 +237,12 @@ _CALIBRATION_NAME = re.compile(
 _POSE_NAME = re.compile(r"stereo|extrinsic", re.IGNORECASE)
 """Of a file with the pose of two cameras, whose lenses are in files of their own."""
 _CALIBRATION_CONTENT = re.compile(
-    rb"\b(?:[KMP]1\b|camera[_ ]?matrix|dist_?coeff|P_rect_|P2:|opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|"
-    rb"cameraData\b|CameraParameters1\b|Camera1?\.fx\b|T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_|body_T_cam0\b)",
-    re.IGNORECASE,
+    rb"\b(?:[KMP]1\b(?!\"?\s*[:=]\s*[0-9]+\s*(?:,\s*\"|[,}]?\s*$))|camera[_ ]?matrix|dist_?coeff|P_rect_|P2:|"
+    rb"opencv-matrix|T_BS\b|intrinsics\b|projection_matrix|cameraData\b|CameraParameters1\b|Camera1?\.fx\b|"
+    rb"T_imu_cam\b|RotationOfCamera2\b|CAMERA_CALIBRATION_|body_T_cam0\b)",
+    re.IGNORECASE | re.MULTILINE,
 )
+"""A whole number alone is no matrix, but a parameter of block matching."""
 
 
 def _is_large(path: Path) -> bool:

@@ -221,6 +221,15 @@ def test_of_three_files_that_are_incomplete_one_note_is_left(tmp_path: Path) -> 
     assert "found D1, D2, K1, K2, R; expected" in note
 
 
+@pytest.mark.parametrize("indent", [None, 2])
+def test_settings_of_block_matching_are_no_calibration(tmp_path: Path, indent: int | None) -> None:
+    """As in the manifest of a run, which is found from a working directory."""
+    write_text(tmp_path / "runs" / "first" / "manifest.json", json.dumps({"p1": 8, "p2": 32, "mode": 1}, indent=indent))
+    assert find_calibrations(tmp_path, size_px) == ([], [])
+    write_text(tmp_path / "mine.json", json.dumps({"P1": [8], "P2": [32]}, indent=indent))
+    assert [note for note in find_calibrations(tmp_path, size_px)[1] if "mine.json" in note]
+
+
 def test_tables_of_three_cameras_are_no_pair(tmp_path: Path) -> None:
     path = write_text(tmp_path / "c.json", json.dumps({**_of_cameras("camera1", "camera2"), "camera0": {}, **_POSE}))
     with pytest.raises(VfoaError, match=r"found R, T \(and, not known, camera1_K"):
