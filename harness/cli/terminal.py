@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import signal
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -20,6 +22,7 @@ from harness.processes import interrupt
 from vfoa.errors import listed
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress, ProgressColumn, TaskID
 
     from harness.report.formats import Table
@@ -150,10 +153,11 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
     for line in (*map(str, unscored[:_MOST_CLIPS]), *(more if len(unscored) > _MOST_CLIPS else [])):
         console.print(f"- {line}", markup=False)
-    answer, *further = verdict_of_run(scores, run)
-    console.print(f"\n{answer}", markup=False, style="bold")
+    console.print()
+    answer, *further = verdict_of_run(scores, run, _UNBROKEN)
+    _print_wrapped(console, answer, "bold")
     for line in further:
-        console.print(line, markup=False)
+        _print_wrapped(console, line)
     say(f"Report (all tables: frr.md): {run / 'report.html'}")
     if not scores.is_recorded:
         say("Not recorded: to scrub, run with --recording light.")
@@ -163,13 +167,26 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
         say(f"Scrub: {vfoa_command('view', run)}")
 
 
-def verdict_of_run(scores: Scores, run: Path) -> list[str]:
-    """The result of a run in lines, of which a command to view it names its directory."""
+def verdict_of_run(scores: Scores, run: Path, blank: str = " ") -> list[str]:
+    """The result of a run in lines, of which a command to view it names its directory; ``blank``: that in commands."""
     from harness.report.advice import VIEW
     from harness.report.verdict import verdict_lines
 
-    return [line.replace(VIEW, vfoa_command("view", run)) for line in verdict_lines(scores)]
+    def command(match: re.Match[str]) -> str:
+        return match[0].replace(VIEW, vfoa_command("view", run)).replace(" ", blank)
 
+    return [_COMMAND.sub(command, line) for line in verdict_lines(scores)]
+
+
+def _print_wrapped(console: Console, text: str, style: str = "") -> None:
+    """Print text in lines of the terminal's width; what has :data:`_UNBROKEN` for blanks stays in one line to copy."""
+    for line in textwrap.wrap(text, console.width, break_long_words=False, break_on_hyphens=False):
+        console.print(line.replace(_UNBROKEN, " "), markup=False, style=style, soft_wrap=True)
+
+
+_COMMAND = re.compile(r"(vfoa|--set)( [^\s(),;]+)+")
+_UNBROKEN = "\ue000"
+"""Stands for a blank at which no line breaks: a character that no text has."""
 
 _WIDEST = 1000
 """Most characters of a row of a table."""

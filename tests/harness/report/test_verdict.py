@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from harness.cli.terminal import verdict_of_run
+from harness.cli.terminal import print_scores, verdict_of_run
 from harness.report import verdict
 from harness.report.comparisons import factors_table
 from harness.report.factors import compare_factors, grid_levels
@@ -260,6 +261,19 @@ def test_on_the_terminal_the_command_to_view_a_run_names_its_folder() -> None:
     assert "(vfoa view runs/mine --failures)" in verdict_of_run(scores, Path("runs/mine"))[-1]
     assert "(vfoa view 'my runs/1' --failures)" in verdict_of_run(scores, Path("my runs/1"))[-1]
     assert "(vfoa view RUN --failures)" in verdict_lines(scores)[-1]
+
+
+@pytest.mark.parametrize("folder", ["runs/mine", "runs/of my own", "runs/" + 9 * "long name "])
+def test_a_command_in_the_verdict_stays_in_one_line_of_the_terminal(
+    folder: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    scores = score(answers(["cup", "dragon"]), Reference(labels={"clip": labels("cup", "cup")}, is_recorded=True))
+    print_scores(scores, Path(folder))
+    lines = capsys.readouterr().out.splitlines()
+    command = f"({shlex.join(['vfoa', 'view', folder, '--failures'])})"
+    assert [line for line in lines if command in line]
+    assert all(len(line) <= 80 for line in lines if folder not in line)
 
 
 def test_nothing_wrong_needs_no_next_step() -> None:
