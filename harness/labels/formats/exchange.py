@@ -34,6 +34,8 @@ MS = 1_000_000
 """A millisecond in ns."""
 
 _SHOWN = 8
+_SAME_RATE = 0.05
+"""Most by which two rates of the same frames differ, as a share."""
 _LARGEST = 1e10
 """Largest offset and rate, seconds or frames per second: seconds since 1970 are below it."""
 
@@ -228,8 +230,19 @@ class Exchange:
     def frames_of_images(self, names: Iterable[str], where: str) -> tuple[dict[str, int], list[str]]:
         """The frame of each image by its name, whether or not the clip has it, and a note on what is not certain.
 
-        With :attr:`fps` it is the number in the name. Raises as :func:`harness.sources.media.frame_files.number_names`.
+        With :attr:`fps` it is the number in the name.
+
+        Raises
+        ------
+        VfoaError
+            If ``fps`` is not the clip's rate: pictures at another rate are not its frames; and as
+            :func:`harness.sources.media.frame_files.number_names`.
         """
+        if self.fps and self.rate_hz and abs(self.fps / self.rate_hz - 1) > _SAME_RATE:
+            raise VfoaError(
+                f"{where}: --fps {self.fps:g}: found images, whose numbers are those of the clip's frames, and a clip "
+                f"of {self.rate_hz:.4g} frames per second; expected the times (time_s) of pictures at another rate"
+            )
         numbers, known = number_names(names, where), self.frames if self.fps is None else ()
         is_from_1 = count_from_1(numbers, known)
         frames = {name: number - is_from_1 for number, name in numbers.items()}
@@ -237,7 +250,7 @@ class Exchange:
             return frames, []
         first = min(numbers)
         note = f"{where}: {numbers[first]} is read as frame {first} of the film, whose first one is 0"
-        return frames, [f"{note}; ffmpeg calls its first picture 1 (unless -start_number says 0)."]
+        return frames, [f"{note}; ffmpeg calls its first picture 1, and counts those that it writes (-r, fps=)."]
 
     def film_of(self, names: Sequence[str], where: object) -> str | None:
         """The film of a document that shows the clip, out of their paths or addresses; None if it has no film.

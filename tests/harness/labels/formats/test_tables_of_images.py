@@ -116,3 +116,11 @@ def test_pictures_of_a_film_that_may_count_from_1_are_noted(tmp_path: Path, numb
     (note,) = imported.notes
     assert f"frame_{numbers[0]:04d}.png" in note
     assert not _of_film(tmp_path, [*range(numbers[-1])]).notes
+
+
+def test_pictures_at_another_rate_are_no_frames(tmp_path: Path) -> None:
+    text = "image,who,label\nframe_0000.png,girl,bird\nframe_0001.png,girl,bird\n"
+    path = write_text(tmp_path / "mine.csv", text)
+    with pytest.raises(VfoaError, match=r"--fps 5.*10 frames per second.*time_s"):
+        OwnTable().read(path, exchange(FIVE, fps=5.0))
+    assert OwnTable().read(path, exchange(FIVE, fps=10.0)).labels == Labels([row(n, n, "bird") for n in (1, 2)])
