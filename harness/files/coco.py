@@ -26,6 +26,8 @@ from vfoa.errors import VfoaError
 _ADDED = re.compile(r"\.rf\.[0-9A-Za-z]{12,}(?=\.|$)|^[0-9a-f]{8}-")
 """What Roboflow adds to the end of an image's name, and Label Studio to its beginning."""
 
+_EXPECTED = "expected COCO's JSON of instances (images, categories, annotations), or a list of a detector's results"
+
 
 class CocoImage(Struct, gc=False):
     """An image; ``extra`` has the name that it had before Roboflow changed it."""
@@ -94,9 +96,12 @@ def read_coco(path: Path) -> CocoFile:
         category that is not in it: which one, found, expected.
     """
     data = read_bytes(path)
-    if data.lstrip()[:1] == b"[":
-        return CocoFile(images=[], categories=[], annotations=parse_json_as(list[CocoAnnotation], data, path))
-    file = parse_json_as(CocoFile, data, path)
+    try:
+        if data.lstrip()[:1] == b"[":
+            return CocoFile(images=[], categories=[], annotations=parse_json_as(list[CocoAnnotation], data, path))
+        file = parse_json_as(CocoFile, data, path)
+    except VfoaError as error:
+        raise VfoaError(f"{error}; {_EXPECTED}") from None
     by_key(file.images, "id", f"{path}: images")
     by_key(file.categories, "id", f"{path}: categories")
     check_ids(file.annotations, file, path)

@@ -31,6 +31,8 @@ from harness.labels.formats.tiers import Annotation, check_chosen, from_tiers, n
 from vfoa.errors import VfoaError, counted
 
 _EXPECTED = "expected a project (JSON) of VIA 3, or the CSV that it exports"
+_OF_IMAGES = re.compile(rb'"_via_img_metadata"|"region_attributes"|\A#?filename,file_size')
+"""What a project, JSON or CSV of VIA 2 has."""
 _COMMENTS = re.compile(r"(?:#[^\n]*+\n?)*+")
 _COMMENT = re.compile(r"# *([A-Z_]+) = ([^\n]*)")
 _COLUMNS = (
@@ -156,6 +158,11 @@ def _read_entries(path: Path) -> tuple[list[_Entry], list[str]]:
         If it is no such file, or a value of it is not of its type, or a segment ends before it begins.
     """
     data = read_bytes(path)
+    if _OF_IMAGES.search(data):
+        raise VfoaError(
+            f"{path}: found regions of images (VIA 2); expected its export in COCO's format, with --format coco (an "
+            "attribute with options, such as a dropdown, has the names), or looks of VIA 3"
+        )
     if data[:8].replace(b"\0", b"").lstrip(b"\xef\xbb\xbf\xff\xfe \r\n\t").startswith(b"#"):
         entries = list(_of_table(path))
         films = list(dict.fromkeys(entry.film for entry in entries))
@@ -167,8 +174,6 @@ def _read_entries(path: Path) -> tuple[list[_Entry], list[str]]:
 
 
 def _of_project(data: bytes, path: Path) -> tuple[list[_Entry], list[str]]:
-    if b'"_via_img_metadata"' in data:
-        raise VfoaError(f"{path}: a project of VIA 2, which annotates images; {_EXPECTED}")
     project = _parsed(_ViaProject, data, path)
     films = {vid: _film(view, project.file, f"{path}: view {vid!r}") for vid, view in project.view.items()}
     entries = []

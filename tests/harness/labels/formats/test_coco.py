@@ -180,8 +180,9 @@ def test_attributes_have_names_and_looks(tmp_path: Path) -> None:
         (document({1: "a/1.png", 2: "b/1.png"}, [box(1, "bird", 0)]), ["1.png"]),
         (document({}, [], images=[{"id": 1, "file_name": "1.png"}] * 2), ["images", "id 1"]),
         (json.dumps([box(1, "bird", 0)]), ["person", "bird"]),  # COCO's category 1
-        ("{}", ["images"]),
-        ("<xml/>", ["JSON"]),
+        ("{}", ["images", "COCO"]),
+        ('{"shapes": [], "imagePath": "00001.png"}', ["images", "COCO"]),  # labelme
+        ("<xml/>", ["not JSON", "COCO"]),
     ],
 )
 def test_a_wrong_file_is_named_with_its_place(tmp_path: Path, content: str, words: list[str]) -> None:

@@ -284,8 +284,9 @@ def test_attributes_of_one_name_do_not_hide_each_other(tmp_path: Path) -> None:
     ("content", "found"),
     [
         (b'{"_via_settings": {}, "_via_img_metadata": {}}', "VIA 2"),
-        (b"#filename,file_size,file_attributes\nimg_0001.png,55,{}\n", "#filename"),
-        (b"filename,file_size\n", "not JSON"),
+        (b'{"1.png55": {"filename": "1.png", "regions": [{"region_attributes": {}}]}}', "VIA 2"),
+        (b"#filename,file_size,file_attributes\nimg_0001.png,55,{}\n", "VIA 2"),
+        (b"filename,file_size,file_attributes\nimg_0001.png,55,{}\n", "VIA 2"),
         (b"[]", "Expected `object`"),
         (LOOKS.project().encode().replace(b"cup", b"\xe9"), "not JSON"),
         (LOOKS.table().encode().replace(b"cup", b"\xe9"), "not UTF-8"),
