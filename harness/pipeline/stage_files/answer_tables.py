@@ -49,6 +49,8 @@ CHANCE = "p_"
 
 _IN_IMAGE = {"": False, "1": False, "true": False, "1.0": False, "0": True, "false": True, "0.0": True}
 """Cells of ``in_image``, and whether they say that the point is outside."""
+_LEAST_STAMP_S = 1e9
+"""The least of times since 1970, in seconds: of the year 2001."""
 _TOLERANCE = 1e-3
 """By how much the probabilities of a row may differ from 1, for tables with few digits."""
 
@@ -291,9 +293,11 @@ def _shift_hint(numbers: NDArray[np.int64], first: int, last: int, offset: int) 
 
 
 def _by_time(columns: TableColumns, frames: Sequence[int], times_ns: Sequence[int]) -> NDArray[np.int64]:
-    """The nearest frame to each time, in seconds from the clip's first frame, within half a frame."""
+    """The nearest frame to each time, in seconds from the clip's first frame, or since 1970 as the clip's own times."""
     times_s = (np.array(times_ns, np.int64) - times_ns[0]) / 1e9
     wanted = columns.numbers("time_s")
+    if times_ns[0] / 1e9 > _LEAST_STAMP_S and (wanted[~np.isnan(wanted)] > _LEAST_STAMP_S).all():
+        wanted = wanted - times_ns[0] / 1e9
     if len(times_s) < 2 or times_s[-1] <= 0:
         raise VfoaError(f"{columns.path}:1: time_s: the clip's frames have no times; expected the column frame")
     right = np.clip(np.searchsorted(times_s, wanted), 1, len(times_s) - 1)
@@ -303,6 +307,6 @@ def _by_time(columns: TableColumns, frames: Sequence[int], times_ns: Sequence[in
     for row in np.flatnonzero(far)[:1].tolist():
         raise VfoaError(
             f"{columns.where(row)}: time_s: found {columns.cells['time_s'][row]!r}, no time of a frame; expected "
-            f"seconds from the clip's first frame, 0 to {times_s[-1]:.3f}, within {half_s:.3f}"
+            f"seconds from the clip's first frame, 0 to {times_s[-1]:.3f}, within {half_s:.3f}, or its stamps"
         )
     return np.array(frames, np.int64)[nearest]
