@@ -10,7 +10,6 @@ from typing import TypeVar
 from harness.annotate.drawing_store import DrawingStore
 from harness.annotate.journal import Journal
 from harness.annotate.label_store import LabelStore
-from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest
 from harness.files.folders import came_with_program
 from harness.files.safe_names import vfoa_command
@@ -37,9 +36,7 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
 
 def undo_command(manifest: ClipManifest, annotator: str | None) -> str:
     """The command line that takes back the last change of an annotator's labels."""
-    known = clip_files().get(manifest.name)
-    clip = manifest.name if known and known.absolute() == manifest.path else manifest.path
-    return vfoa_command("labels", "undo", clip, *(("--annotator", annotator) if annotator else ()))
+    return vfoa_command("labels", "undo", manifest.word, *(("--annotator", annotator) if annotator else ()))
 
 
 def _targets(manifest: ClipManifest, path: Path | None) -> list[str]:

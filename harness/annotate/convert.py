@@ -16,6 +16,7 @@ from harness.annotate.history import History
 from harness.annotate.marks import counts
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_new
+from harness.files.safe_names import vfoa_command
 from harness.labels.drawn_shapes import Drawn
 from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat, own_format
 from harness.labels.formats.exchange import Exchange, Imported
@@ -126,7 +127,7 @@ def _check_size(imported: Imported, manifest: ClipManifest, source: Path) -> Non
         found, expected = (f"{width} x {height}" for width, height in (imported.size_px, own))
         raise VfoaError(
             f"{source}: found shapes on images of {found} pixels; expected {expected}, the clip's rectified left "
-            f"images (vfoa clips export {manifest.name} FOLDER writes them)"
+            f"images ({vfoa_command('clips', 'export', manifest.word, 'FOLDER')} writes them)"
         )
 
 

@@ -19,6 +19,7 @@ from harness.clips.manifest import ClipManifest, known_categories, load_manifest
 from harness.clips.naming import COLOURS, KEYS, NameRule, keys_and_colours
 from harness.files.digests import digest_files
 from harness.files.folders import came_with_program
+from harness.files.safe_names import vfoa_command
 from harness.labels.labels import timeline_of
 from harness.sources import Clip
 from vfoa.errors import VfoaError
@@ -27,8 +28,8 @@ from vfoa.errors import VfoaError
 def _images_of(manifest: ClipManifest) -> Clip:
     """The clip of a manifest, whose images are shown."""
     return manifest.open_images(
-        ": write its labels by hand (annotations/README.md), or vfoa labels import FILE "
-        f"--clip {manifest.name} --format FORMAT"
+        ": write its labels by hand (annotations/README.md), or "
+        f"{vfoa_command('labels', 'import', 'FILE', '--clip', manifest.word, '--format', 'FORMAT')}"
     )
 
 

@@ -76,7 +76,7 @@ def bench(
     sections = _of_measurements(only, manifest.name) if isinstance(opened, MeasuredClip) else only or list(SECTIONS)
     if {*sections} - {"stereo", "realtime"}:  # which need no networks, or leave rows without them out
         choices = [choice for configuration in chosen.configurations for choice in configuration.stages]
-        locate_weights(choices, fetch_command(manifest.name) if name == "default" else None)
+        locate_weights(choices, fetch_command(loaded.clips[0]) if name == "default" else None)
     given = Bench(
         name=name,
         experiment=chosen,

@@ -16,7 +16,7 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from harness.clips.families import families, family_of, find_manifest, is_pattern, matching, member_of
+from harness.clips.families import clip_files, families, family_of, find_manifest, is_pattern, matching, member_of
 from harness.clips.naming import NameRule, is_automatic
 from harness.files.folders import came_with_program
 from harness.files.garbage import collected_later
@@ -129,6 +129,12 @@ class ClipManifest(Settings):
     def path(self) -> Path:
         """The file that it was read from."""
         return self._path
+
+    @property
+    def word(self) -> str | Path:
+        """What names the clip in a command: its name, or its file if this name is that of no clip here or another's."""
+        known = clip_files().get(self.name)
+        return self.name if known and known.absolute() == self._path else self._path
 
     def naming(self) -> dict[str, Any]:
         """The subjects and targets as JSON, with everything that decides which person or object gets a name."""

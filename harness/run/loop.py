@@ -14,6 +14,7 @@ from typing import Any
 
 from harness.clips.manifest import ClipManifest
 from harness.files.digests import KNOWN
+from harness.files.safe_names import vfoa_command
 from harness.files.unchanged import ChangedError, UnchangedFiles
 from harness.pipeline.cache import ClipCache, StageIdentity, Tally
 from harness.pipeline.cache_store import Store
@@ -304,7 +305,7 @@ def _write_scenes(
             sinks = [opened.enter_context(factory.open_scenes(context)) for factory in factories]
             times = opened.enter_context(SceneTimes(job.directory, job.pairs))
             while True:
-                with _hint_if_unreadable(job.manifest.name):
+                with _hint_if_unreadable(job.manifest):
                     frame = next(frames, None)
                 if frame is None:
                     break
@@ -324,12 +325,12 @@ def _write_scenes(
 
 
 @contextmanager
-def _hint_if_unreadable(clip: str) -> Iterator[None]:
+def _hint_if_unreadable(manifest: ClipManifest) -> Iterator[None]:
     """Let the error of a frame that cannot be read say how to find all such frames."""
     try:
         yield
     except ChangedError:
         raise
     except VfoaError as error:
-        more = f"vfoa clips check {clip} --every-frame counts and names all that cannot be read"
-        raise VfoaError(f"{error}; {more}") from None
+        check = vfoa_command("clips", "check", manifest.word, "--every-frame")
+        raise VfoaError(f"{error}; {check} counts and names all that cannot be read") from None

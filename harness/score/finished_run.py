@@ -17,6 +17,7 @@ from harness.clips.manifest import ClipManifest, manifest_of_run
 from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
 from harness.files.groups import grouped
+from harness.files.safe_names import vfoa_command
 from harness.labels.labels import Timeline
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
@@ -149,7 +150,7 @@ class FinishedRun:
         annotator, manifests = run.scored_annotator, self._manifests()
         read = {clip.name: manifests[clip.name].labels(_timeline(clip), annotator) for clip in run.clips}
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
-        without_labels = [manifests[name] for name in read if name not in labels]
+        without_labels = [manifests[name] for name, of_clip in read.items() if not (of_clip and of_clip.are_scored)]
         conditions: list[Note] = []
         whole = labels
         if where:
@@ -235,17 +236,17 @@ class FinishedRun:
                 f"no labels, not scored; {_FOUND.get(people[clip.name], f'up to {people[clip.name]} people')} "
                 "found in its frames; "
                 f"{'' if clip.subjects else f'write [subjects.NAME] into {clip.path.name}, then '}"
-                f"{how_to_label(clip.name, self.manifest.configurations.values())}.",
+                f"{how_to_label(clip.word, self.manifest.configurations.values())}.",
             )
             for clip in clips
         ]
 
 
-def how_to_label(clip: str, configurations: Collection[Mapping[str, Any]]) -> str:
-    """The command that gives labels to a clip of a run: the page needs images."""
+def how_to_label(clip: str | Path, configurations: Collection[Mapping[str, Any]]) -> str:
+    """The command that gives labels to a clip (its name or file) of a run: the page needs images."""
     if has_images(configurations):
-        return f"`vfoa annotate {clip}` labels it"
-    return f"`vfoa labels import FILE --clip {clip} --format FORMAT` reads labels"
+        return f"`{vfoa_command('annotate', clip)}` labels it"
+    return f"`{vfoa_command('labels', 'import', 'FILE', '--clip', clip, '--format', 'FORMAT')}` reads labels"
 
 
 _FOUND = {0: "nobody", 1: "one person at most"}

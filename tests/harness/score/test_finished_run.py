@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shlex
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,29 @@ def test_a_clip_without_a_single_label_is_named_with_what_labels_it(
     assert note.text == (
         f"new: no labels, not scored; one person at most found in its frames; {first}`vfoa annotate new` labels it."
     )
+
+
+@pytest.mark.parametrize("has_other", [False, True])
+@pytest.mark.parametrize("is_placeholder", [False, True])
+def test_a_clip_of_another_folder_is_named_by_its_file_in_the_command_that_labels_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_other: bool, is_placeholder: bool
+) -> None:
+    """By its name no clip would be found, or another one labelled."""
+    monkeypatch.chdir(tmp_path)
+    text = 'name = "new"\nadapter = "studio"\n[subjects.ann]\ncategory = "person"\n'
+    path = write_text(tmp_path / "it's elsewhere" / "datasets" / "new.toml", text)
+    if has_other:
+        write_text(tmp_path / "datasets" / "new.toml", text)
+    if is_placeholder:  # as vfoa clips add writes it
+        write_text(
+            tmp_path / "it's elsewhere" / "annotations" / "new.csv", labels_text("1,1,ann,ignore,not labelled yet")
+        )
+    clip = {"name": "new", "manifest": str(path), "frames": [1], "notes": []}
+    manifest = {"notes": [], "clips": [clip], "configurations": {"one": {}}, "finished": "now"}
+    (note,) = FinishedRun.read(write_run(tmp_path / "run", answers(["cup"], clip="new"), **manifest)).reference().notes
+    command = shlex.split(note.text.partition("`")[2].rpartition("`")[0])
+    assert command == ["vfoa", "annotate", str(path)]
+    assert load_manifest(command[2]).path == path
 
 
 @pytest.mark.parametrize("digests", [("a", "a", "b"), ("a", "b", "c"), (None, None, None)])
