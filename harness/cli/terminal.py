@@ -152,7 +152,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     unscored = [note for note in remarks(scores) if note.kind == NoteKind.UNLABELLED]
     more = [f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report."]
     for line in (*map(str, unscored[:_MOST_CLIPS]), *(more if len(unscored) > _MOST_CLIPS else [])):
-        console.print(f"- {line}", markup=False)
+        _print_wrapped(console, _QUOTED.sub(lambda quoted: quoted[0].replace(" ", _UNBROKEN), f"- {line}"))
     console.print()
     answer, *further = verdict_of_run(scores, run, _UNBROKEN)
     _print_wrapped(console, answer, "bold")
@@ -185,6 +185,7 @@ def _print_wrapped(console: Console, text: str, style: str = "") -> None:
 
 
 _COMMAND = re.compile(r"(vfoa|--set)( [^\s(),;]+)+")
+_QUOTED = re.compile(r"`[^`]+`")
 _UNBROKEN = "\ue000"
 """Stands for a blank at which no line breaks: a character that no text has."""
 

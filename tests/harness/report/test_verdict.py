@@ -276,5 +276,15 @@ def test_a_command_in_the_verdict_stays_in_one_line_of_the_terminal(
     assert all(len(line) <= 80 for line in lines if folder not in line)
 
 
+def test_a_command_in_a_note_stays_in_one_line_of_the_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    print_scores(score(answers(["cup"], clip="street"), Reference(labels={})), Path("run"))
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if "`vfoa annotate street`" in line]
+    assert all(len(line) <= 60 for line in lines)
+
+
 def test_nothing_wrong_needs_no_next_step() -> None:
     assert next_steps(score([], Reference(labels={})), ("one",)) == []
