@@ -46,7 +46,7 @@ def test_a_clip_without_images_is_refused_with_what_to_do(tmp_path: Path) -> Non
     manifest = write_text(tmp_path / "datasets" / "talk.toml", MEASURED)
     with pytest.raises(VfoaError) as refused:
         Session(str(manifest))
-    assert "vfoa labels import FILE --clip talk --format FORMAT" in str(refused.value)
+    assert f"vfoa labels import FILE --clip {manifest} --format FORMAT" in str(refused.value)
 
 
 def test_a_run_shows_its_boxes_and_names(opened: Any, work: Path) -> None:
