@@ -16,7 +16,7 @@ from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange, Span
 from harness.labels.labels import Timeline
 from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES
-from harness.sources.media.frame_times import TICKS_NS, stamp_unit
+from harness.sources.media.frame_times import SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, stamp_unit
 from vfoa.errors import VfoaError
 
 Cells = tuple[str, Mapping[str, str]]
@@ -30,9 +30,6 @@ _CODE = re.compile(r"([0-9]{1,4}):([0-5][0-9]):([0-5][0-9])([:;])([0-9]{2})")
 _NUMBER = re.compile(r"-?(?:[0-9]{1,16}(?:\.[0-9]*)?|\.[0-9]+)")
 
 _STAMP = re.compile(r"([0-9]{10}|[0-9]{13}|[0-9]{16}|[0-9]{19})(?:\.[0-9]*)?")
-_MS_BY_DIGITS: Mapping[int, float] = {10: 1e3, 13: 1.0, 16: 1e-3, 19: 1e-6}
-_LEAST_STAMP_NS = 10**18
-"""The unit of times since 1970, of the years 2001 to 2286, by their digits; the least of them."""
 _DATE = re.compile(
     r"([0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:[0-9]{2}:[0-9]{2})(?:[.,]([0-9]{1,9}))? ?(Z|[+-][0-9]{2}:?[0-9]{2})?"
 )
@@ -119,7 +116,7 @@ def _since_1970_ms(cell: str, unit_ms: float) -> float | None:
             return None
     if not (stamp := _STAMP.fullmatch(cell)):
         return None
-    of_digits = _MS_BY_DIGITS[len(stamp[1])]
+    of_digits = TICKS_NS[UNIT_OF_DIGITS[len(stamp[1])]] / MS
     return float(cell) * of_digits if unit_ms in (of_digits, MS_PER_UNIT["time_s"]) else None
 
 
@@ -130,7 +127,7 @@ def on_own_clock(rows: Sequence[Row], meant: Sequence[str | None], exchange: Exc
     """
     at = next((at for at, name in enumerate(meant) if name in MS_PER_UNIT), None)
     first_ns = next(iter(exchange.timeline.times_ns), 0)
-    if at is None or exchange.offset is not None or first_ns < _LEAST_STAMP_NS:
+    if at is None or exchange.offset is not None or first_ns < SINCE_1970_NS:
         return exchange
     unit_ms = MS_PER_UNIT[meant[at] or ""]
     cells = [cells[at] for _, cells in rows[1:] if not is_missing(cells[at])]

@@ -35,6 +35,7 @@ from harness.files.tables import TableColumns, read_columns
 from harness.labels.labels import NOWHERE
 from harness.pipeline.stage_files.heads import frame_numbers
 from harness.sources.measured.idiap import answers_of_idiap, is_tracker_output
+from harness.sources.media.frame_times import SINCE_1970_NS
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import NoAttention
 
@@ -49,8 +50,6 @@ CHANCE = "p_"
 
 _IN_IMAGE = {"": False, "1": False, "true": False, "1.0": False, "0": True, "false": True, "0.0": True}
 """Cells of ``in_image``, and whether they say that the point is outside."""
-_LEAST_STAMP_S = 1e9
-"""The least of times since 1970, in seconds: of the year 2001."""
 _TOLERANCE = 1e-3
 """By how much the probabilities of a row may differ from 1, for tables with few digits."""
 
@@ -296,7 +295,7 @@ def _by_time(columns: TableColumns, frames: Sequence[int], times_ns: Sequence[in
     """The nearest frame to each time, in seconds from the clip's first frame, or since 1970 as the clip's own times."""
     times_s = (np.array(times_ns, np.int64) - times_ns[0]) / 1e9
     wanted = columns.numbers("time_s")
-    if times_ns[0] / 1e9 > _LEAST_STAMP_S and (wanted[~np.isnan(wanted)] > _LEAST_STAMP_S).all():
+    if times_ns[0] > SINCE_1970_NS and (wanted[~np.isnan(wanted)] > SINCE_1970_NS / 1e9).all():
         wanted = wanted - times_ns[0] / 1e9
     if len(times_s) < 2 or times_s[-1] <= 0:
         raise VfoaError(f"{columns.path}:1: time_s: the clip's frames have no times; expected the column frame")

@@ -15,6 +15,10 @@ from vfoa.times import FRAME_S
 
 StampUnit = Literal["s", "ms", "us", "ns"]
 TICKS_NS: dict[StampUnit, int] = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+UNIT_OF_DIGITS: Mapping[int, StampUnit] = {10: "s", 13: "ms", 16: "us", 19: "ns"}
+"""The unit of a time since 1970, by the digits before its decimals: of the years 2001 to 2286."""
+SINCE_1970_NS = 10**18
+"""The least of such times; smaller ones count from another beginning."""
 
 
 def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
@@ -22,10 +26,9 @@ def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
 
     Ten digits are seconds if they are few apart: a camera's microseconds since it was started may have as many.
     """
-    units: dict[int, StampUnit] = {10: "s", 13: "ms", 16: "us", 19: "ns"}
     ascending = sorted(set(numbers))
     lengths = {len(str(number)) for number in ascending}
-    unit = units.get(lengths.pop()) if len(lengths) == 1 else None
+    unit = UNIT_OF_DIGITS.get(lengths.pop()) if len(lengths) == 1 else None
     if unit == "s" and not (ascending[-1] < _END_OF_SECONDS and usual_step(ascending) < _FEWEST_TICKS):
         return None
     return unit

@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.files.dialects import check_width, plain_name, table_rows
 from harness.files.io import read_text
-from harness.sources.media.frame_times import TICKS_NS, StampUnit
+from harness.sources.media.frame_times import SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, StampUnit
 from vfoa.errors import VfoaError, listed, reported_as
 
 _FILES = re.compile(r"(?:(?:(?:frame|image|left|rgb|colou?r)_)?timestamps|times)\.(?:txt|csv)", re.IGNORECASE)
@@ -30,9 +30,7 @@ _ANY_TIMES = re.compile(r"(?:.+_)?time_?stamps?(?:_.+)?|t_.+")
 _OF_OTHERS = frozenset({"right", "depth", "imu", "ir"})
 _OF_IMAGES = frozenset({"left", "rgb", "color", "colour"})
 """Words beside such a name: of other sensors, and of the images that the times are of."""
-_UNIT_OF_DIGITS: dict[int, StampUnit] = {10: "s", 13: "ms", 16: "us", 19: "ns"}
-"""The unit of a time since 1970, by the digits before its decimals."""
-_LONGEST_STEP_S, _SINCE_1970_NS = 5, 10**18
+_LONGEST_STEP_S = 5
 """Least median step of numbers that are probably no seconds, as 33.3 ms; 1000 times as much where they are dates."""
 
 
@@ -74,7 +72,7 @@ def read_times(path: Path, numbers: Collection[int]) -> dict[int, int]:
 def _check_are_seconds(times_ns: Sequence[int], path: Path) -> None:
     """Raise a :class:`VfoaError` for steps of a camera's ms or us since it was started, taken for seconds."""
     step_s = float(np.median(np.diff(times_ns))) / 1e9 if len(times_ns) > 1 else 0.0
-    if step_s >= (_LONGEST_STEP_S if times_ns[0] < _SINCE_1970_NS else 1000 * _LONGEST_STEP_S):
+    if step_s >= (_LONGEST_STEP_S if times_ns[0] < SINCE_1970_NS else 1000 * _LONGEST_STEP_S):
         raise VfoaError(
             f"{path}: found times that are {step_s:g} s apart (median) if they are seconds; expected less: if they are "
             "ms, say so in the name of their column, as timestamp_ms in a table timestamps.csv"
@@ -129,7 +127,7 @@ def _line_ns(text: str, unit: StampUnit | None, where: str) -> int:
     if _NUMBER.fullmatch(text):
         value, is_whole = Decimal(text), text.isdecimal()
         digits = len(str(int(value)))
-        own = unit or _UNIT_OF_DIGITS.get(digits) or (None if is_whole or digits > 10 else "s")
+        own = unit or UNIT_OF_DIGITS.get(digits) or (None if is_whole or digits > 10 else "s")
         if own is not None:
             return round(value * TICKS_NS[own])
     expected = "seconds with a decimal point, or a number of s, ms, us or ns since 1970"
