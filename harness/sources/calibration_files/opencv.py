@@ -254,8 +254,8 @@ def _check_lenses_are_told(document: Document, names: Iterable[str], where: str,
     for name in names:
         d = numbers(document[name], f"{where}: {name}")
         is_column = np.shape(document[name]) == (4, 1)
-        if d.size == 4 and d.any() and (is_column or np.abs(d.ravel()[2:]).max() > _MOST_TANGENTIAL):
-            found = "a column of 4 coefficients" if is_column else f"the coefficients {d.ravel().tolist()}"
+        if d.size == 4 and d.any() and (is_column or np.abs(d[2:]).max() > _MOST_TANGENTIAL):
+            found = "a column of 4 coefficients" if is_column else f"the coefficients {d.tolist()}"
             raise VfoaError(
                 f"{where}: {name}: found {found}, such as cv2.fisheye returns, and nothing that names the lens; "
                 f"expected fisheye = true {place}, or fisheye = false if they are k1, k2, p1, p2"
