@@ -63,7 +63,7 @@ def fit(
     from harness.run.executors import cores
     from harness.run.fitted import fitted_text
     from harness.run.runner import executor
-    from harness.score.fit_logit import DEFAULT, FITTED, fit_logit
+    from harness.score.fit_logit import DEFAULT, FITTED, UnscoredError, fit_logit
     from harness.score.labelled_run import read_labelled
 
     first_s = _seconds(first)
@@ -81,10 +81,10 @@ def fit(
         run = read_labelled(finished, config, executor=workers, bar=frames_bar)
     try:
         fitted = fit_logit(run, first_s=first_s)
-    except VfoaError as error:
-        fitted = fit_logit(run, first_s=first_s, scored=False)
+    except UnscoredError as error:
         if not even_if_worse:
             raise VfoaError(f"{error} (--even-if-worse writes a file without a score)") from None
+        fitted = fit_logit(run, first_s=first_s, scored=False)
     reports = fit_tables(fitted)
     print_reports(reports)
     if tables is not None:

@@ -51,12 +51,16 @@ class Fold(NamedTuple):
     test: Sequence[LabelledPerson]
 
 
+class UnscoredError(VfoaError):
+    """Nothing is left to score a fit on; it can be made without a score."""
+
+
 def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
     """Divide a run's people; ``first_s``: fit on the first labelled seconds of one clip only, score on all the rest.
 
     Raises
     ------
-    VfoaError
+    UnscoredError
         If there is one clip, and it is too short for two blocks, or has no label beyond the first seconds.
     """
     clips = list(dict.fromkeys(person.sequence.group for person in run.people if person.labelled))
@@ -74,7 +78,7 @@ def _first_and_rest(run: LabelledRun, first_s: float) -> Fold:
     rest = [person.without(part.labelled) for person, part in zip(run.people, first, strict=True)]
     if not any(person.labelled for person in rest):
         longest_s = max(person.labelled_s for person in run.people)
-        raise VfoaError(
+        raise UnscoredError(
             f"fit: {run.experiment}: --first {first_s:g}s: each person has at most {longest_s:.1f} labelled seconds; "
             "expected more, to score the fit on the rest: label more, or fit on fewer seconds"
         )
@@ -88,9 +92,9 @@ def _blocks(run: LabelledRun) -> list[Fold]:
     labelled_s = end - begin + max(max(person.sequence.gaps_s[:1], default=0.0) for person in run.people)
     count = min(int(labelled_s / BLOCK_S + 1e-6), _MOST_BLOCKS)
     if count < 2:
-        raise VfoaError(
+        raise UnscoredError(
             f"fit: {run.experiment}: {labelled_s:.1f} s are labelled; expected at least {2 * BLOCK_S:g} s, to fit on "
-            f"one part and score on the other"
+            "one part and score on the other"
         )
     folds = []
     for low, high in itertools.pairwise(np.linspace(begin, end + 1e-6, count + 1)):
@@ -106,7 +110,7 @@ def fit_logit(run: LabelledRun, *, first_s: float | None = None, scored: bool = 
     Raises
     ------
     VfoaError
-        If the first seconds have no label, or nothing is left to score the fit on (:func:`folds_of`).
+        If the first seconds have no label, or nothing is left to score the fit on (:class:`UnscoredError`).
     """
     people = [person.first(first_s) for person in run.people] if first_s is not None else run.people
     if not any(person.labelled for person in people):
