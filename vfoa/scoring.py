@@ -11,7 +11,7 @@ their number alone gives no interval.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +38,8 @@ ALL = "(all)"
 """The clip, or the subject, in a row over all of them."""
 OTHER = "(other)"
 """The rarer names of a picture, together."""
-_NO_NAMES = frozenset({NO_HIT, NoAttention.NO_HIT.value, NO_PREDICTION, NO_TRUTH, ANOTHER, ALL, OTHER})
+_NO_HITS = (NO_HIT, NoAttention.NO_HIT.value)
+_NO_NAMES = frozenset({*_NO_HITS, NO_PREDICTION, NO_TRUTH, ANOTHER, ALL, OTHER})
 LEAST_PROBABILITY = 0.001
 """Probabilities of the truth below this count as this: without it, one sure and wrong frame would decide a log loss."""
 BRIER_WITHOUT_ANSWER = 1.0
@@ -101,6 +102,8 @@ def score(
         and ``""`` do not count.
     answers
         The answers, in the same order: a name, ``"none"``, or None or ``""`` where there is no answer, which is wrong.
+        ``"(nothing hit)"`` and ``"no_hit"``, as tables of a run have them, are right where the label is ``"none"``, and
+        no answer.
     probabilities
         By target, and perhaps for ``"none"``: the probability (n,) in each frame. Without ``"none"``, it has what is
         left up to 1. Those of frames without an answer are not read.
@@ -109,10 +112,10 @@ def score(
     ------
     VfoaError
         If lengths differ, no frame counts, a name is an empty cell made text (``"nan"``) or a word of tables
-        (``"(nothing hit)"``), a probability is not in [0, 1], those of a frame add up to more than 1 (or to less, with
-        ``"none"``), or an answer has none.
+        (``"no prediction"``), an answer is ``"ignore"``, a probability is not in [0, 1], those of a frame add up to
+        more than 1 (or to less, with ``"none"``), or an answer has none.
     """
-    labels, predicted = _names(truth, "truth"), _names(answers, "answers")
+    labels, predicted = _names(truth, "truth", (IGNORED,)), _names(answers, "answers", _NO_HITS)
     if len(labels) != len(predicted):
         raise VfoaError(f"score: answers: found {len(predicted)}; expected {len(labels)}, one for each label")
     counts = (labels != "") & (labels != IGNORED)
@@ -120,8 +123,10 @@ def score(
         raise VfoaError(
             f"score: truth: all {len(labels)} labels are empty or {IGNORED!r}; expected targets' names, or {NOWHERE!r}"
         )
-    labels, predicted, is_given = labels[counts], predicted[counts], (predicted != "")[counts]
-    correct, is_nowhere = labels == predicted, labels == NOWHERE
+    labels, predicted = labels[counts], predicted[counts]
+    is_nowhere, is_no_hit = labels == NOWHERE, np.isin(predicted, _NO_HITS)
+    predicted = np.where(is_no_hit, np.where(is_nowhere, NOWHERE, ""), predicted)
+    correct, is_given = labels == predicted, (predicted != "") & ~is_no_hit
     targets, nowhere = share(correct[~is_nowhere]), share(correct[is_nowhere])
     table = confusion(labels, predicted)
     worth = {} if probabilities is None else _worth(_chances(probabilities, counts), labels, predicted, is_given)
@@ -139,18 +144,20 @@ def score(
     )
 
 
-def _names(values: Iterable[Any], what: str) -> NDArray[np.str_]:
-    """The names (n,), ``""`` where there is none: None, or the NaN or NA of a table's empty cell."""
+def _names(values: Iterable[Any], what: str, words: Collection[str]) -> NDArray[np.str_]:
+    """The names (n,), ``""`` where there is none: None, or the NaN or NA of a table's empty cell.
+
+    Of the words that cannot be a target's name, only ``words`` and :data:`NOWHERE` are taken.
+    """
     names = np.array([_name(value) for value in values], dtype=np.str_)
     if found := sorted(_EMPTY_AS_TEXT.intersection(names.tolist())):
         raise VfoaError(
             f"score: {what}: found the text {found[0]!r}, an empty cell made text; expected None or '', or {NOWHERE!r}"
         )
-    if words := [name for name in np.unique(names).tolist() if is_word_of_tables(name)]:
-        raise VfoaError(
-            f"score: {what}: found {words[0]!r}, a word of vfoa's tables; expected a target's name, {NOWHERE!r}, or "
-            f"None (where nothing was hit, {NOWHERE!r} if that is the label, else None)"
-        )
+    for name in np.unique(names).tolist():
+        if name not in words and (name == IGNORED or is_word_of_tables(name)):
+            expected = ", ".join(map(repr, (NOWHERE, *words)))
+            raise VfoaError(f"score: {what}: found {name!r}; expected a target's name, {expected}, or None")
     return names
 
 

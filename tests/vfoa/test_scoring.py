@@ -71,6 +71,16 @@ def test_rates_count_targets_and_nowhere_apart() -> None:
     assert math.isnan(scored.calibration_error)
 
 
+@pytest.mark.parametrize("word", ["(nothing hit)", "no_hit"])
+def test_nothing_hit_is_right_where_nothing_is_looked_at_and_never_an_answer(word: str) -> None:
+    truth, answers = ["none", "none", "cup", "cup"], [word, "none", word, "cup"]
+    scored = vfoa.score(truth, answers, {"cup": [0.0, 0.0, 0.0, 1.0]})
+    assert (scored.correct, scored.recall_nowhere, scored.coverage) == (3, 1, 2 / 4)
+    assert scored.kappa == vfoa.score(truth, ["none", "none", None, "cup"]).kappa
+    assert scored.log_loss == pytest.approx(-math.log(LEAST_PROBABILITY) / 2)  # two frames without probabilities
+    assert (scored.brier, scored.calibration_error) == (2 * BRIER_WITHOUT_ANSWER / 4, 0)
+
+
 def test_one_kind_of_label_alone_is_its_balanced_rate() -> None:
     scored = vfoa.score(["cup", "book"], ["cup", "cup"])
     assert scored.balanced_frr == scored.frr == 1 / 2
@@ -130,8 +140,8 @@ def test_calibration_is_the_distance_of_confidence_from_the_share_of_right_answe
         (["cup"], ["cup", "cup"], None, "answers.*found 2.*expected 1"),
         (["cup", "cup"], [str(None), "cup"], None, "answers.*'None'"),
         (["cup", str(math.nan)], ["cup", str(math.nan)], None, "truth.*'nan'"),
-        (["none", "cup"], ["(nothing hit)", "cup"], None, "answers.*'\\(nothing hit\\)'"),
-        (["none", "cup"], ["no_hit", "cup"], None, "answers.*'no_hit'"),
+        (["(nothing hit)", "cup"], ["none", "cup"], None, "truth.*'\\(nothing hit\\)'"),
+        (["cup", "cup"], ["ignore", "cup"], None, "answers.*'ignore'"),
         (["cup", "cup"], ["no prediction", "cup (another of this name)"], None, "answers.*'cup \\(another"),
         (["ignore", None], ["cup", "cup"], None, "truth.*all 2"),
         (["cup"], ["cup"], {"cup": [0.5, 0.5]}, "'cup'.*\\(2,\\).*\\(1,\\)"),

@@ -151,7 +151,7 @@ def test_what_vfoa_did_not_find_counts_all_the_same(talk: Path) -> None:
 
 
 def test_arrays_get_the_scores_of_a_run(talk: Path) -> None:
-    """:func:`vfoa.score` of answers and probabilities drawn by chance, a few rows of them missing."""
+    """:func:`vfoa.score` of answers and probabilities drawn by chance; of some rows, none or no hit."""
     rng = np.random.default_rng(7)
     names = {"anna": ("ben", "robot", "cup", "none"), "ben": ("anna", "robot", "cup", "none")}
     frames = [(frame, subject) for subject in names for frame in range(1, 13)]
@@ -165,13 +165,16 @@ def test_arrays_get_the_scores_of_a_run(talk: Path) -> None:
     for place, (frame, subject) in enumerate(frames):
         chosen = [columns.index(name) for name in names[subject]]
         chances[place, chosen] = rng.dirichlet(np.ones(4))
-        answers.append(columns[chances[place].argmax()] if place % 5 else None)
-        if place % 5:
+        answers.append({0: None, 1: "no_hit"}.get(place % 5, columns[chances[place].argmax()]))
+        if place % 5 == 1:
+            rows.append(f"{frame},{subject},no_hit{',' * len(columns)}")
+        elif place % 5:
             rows.append(",".join(map(str, (frame, subject, "", *chances[place]))))
     _answer(rows, f"frame,subject,target,{','.join(f'p_{name}' for name in columns)}")
     _, scores = _run(talk)
     row, scored = _row(scores), vfoa.score(truth, answers, dict(zip(columns, chances.T, strict=True)))
     (reliability,) = reliabilities(scores.judged_subjects)
+    assert 0 < row.no_hit < row.n
     assert (scored.n, scored.correct, scored.frr) == (row.n, row.correct, row.frr)
     assert scored.coverage == row.coverage
     assert scored.calibration_error == pytest.approx(reliability.calibration_error, abs=1e-12)
