@@ -29,7 +29,8 @@ _BEATS = {"yes": "Beats the best", "not shown": "Not shown to beat a", "no": "No
 def verdict_lines(scores: Scores) -> list[str]:
     """The result of a run, the answer first, in at most :data:`MOST_LINES` lines of :data:`MOST_CHARACTERS`.
 
-    The best configuration over all clips and its interval; whether it beats the best baseline; which differences
+    The best configuration over all clips and its interval; whether it beats the best baseline, and the rate of constant
+    answers that saw the labels if they are as good; which differences
     between configurations are shown, in a grid by factor over all values of the others; what to try next, by the errors
     of the best one. The oracle ablation is left out. Long names lose their middles.
     """
@@ -74,7 +75,12 @@ def _baseline_line(best: ScoreRow) -> str:
     name = best.best_baseline
     if not any(rate for rule, rate in best.baselines.items() if rule not in SEES_LABELS):
         return "The simple rules are right in none of the frames."
-    return f"{_BEATS[best.beats]} simple rule: {BASELINES[name]} ({percent(best.baselines[name])} %)."
+    forms = [f"{_BEATS[best.beats]} simple rule: {{}} ({percent(best.baselines[name])} %)"]
+    constant = best.baselines["constant"]
+    if constant >= best.frr:
+        forms = [f"{forms[0]}; {words}: {percent(constant)} %" for words in ("always one answer", "one answer")]
+    rule = BASELINES[name]
+    return _fitting(*(_Sentence(f"{form}.", [words]) for form in forms for words in (rule, rule.split("object ")[-1])))
 
 
 def _difference_lines(scores: Scores, names: Sequence[str]) -> list[str]:

@@ -84,6 +84,22 @@ def test_rules_are_right_in_none_of_the_frames_only_if_each_is(nearest: float, s
     assert said in verdict_lines(replace(scores, rows=tuple(rows)))[1]
 
 
+@pytest.mark.parametrize(("of_labels", "is_said"), [(0.857, True), (0.5, True), (0.499, False)])
+@pytest.mark.parametrize("rule", [name for name in BASELINES if name != "constant"])
+def test_a_constant_answer_that_is_as_good_is_told_beside_the_rule_that_is_beaten(
+    rule: str, of_labels: float, is_said: bool
+) -> None:
+    """Where a person looks at nothing most of the time, a method may beat every rule that saw no labels."""
+    scores = _scores({"default": 0.5}, truth=TRUTH[:120])
+    rates = {**dict.fromkeys(BASELINES, 0.0), rule: 0.122, "constant": of_labels}
+    for beats in ("yes", "not shown", "no"):
+        rows = [replace(row, baselines=rates, best_baseline=rule, beats=beats) for row in scores.rows]
+        line = verdict_lines(replace(scores, rows=tuple(rows)))[1]
+        assert "12.2 %" in line
+        assert (f"{100 * of_labels:.1f} %" in line) == is_said
+        assert len(line) <= MOST_CHARACTERS
+
+
 @pytest.mark.parametrize("configurations", [("default",), ("a", "b")])
 @pytest.mark.parametrize("error_type", ERROR_TYPES)
 def test_errors_of_any_number_are_told_in_a_line(
