@@ -61,7 +61,8 @@ def _best_line(best: ScoreRow, rows: Sequence[ScoreRow]) -> str:
     short = f"{who} in {percent(best.frr)} %"
     rate = f"{short} of the frames"
     if math.isnan(best.interval.low):
-        return _fitting(_Sentence(f"{rate} (too few looks for an interval).", [best.configuration]))
+        end = "(too few looks for an interval)."
+        return _fitting(*(_Sentence(f"{begin} {end}", [best.configuration]) for begin in (rate, short)))
     ends = f"{interval_range(best.interval, '.0f', 100)} % {_SCOPES[best.interval.unit]}"
     briefly = f"{interval_range(best.interval, '.0f', 100)} %"
     forms = (
@@ -72,15 +73,16 @@ def _best_line(best: ScoreRow, rows: Sequence[ScoreRow]) -> str:
 
 
 def _baseline_line(best: ScoreRow) -> str:
-    name = best.best_baseline
-    if not any(rate for rule, rate in best.baselines.items() if rule not in SEES_LABELS):
-        return "The simple rules are right in none of the frames."
-    forms = [f"{_BEATS[best.beats]} simple rule: {{}} ({percent(best.baselines[name])} %)"]
-    constant = best.baselines["constant"]
-    if constant >= best.frr:
-        forms = [f"{forms[0]}; {words}: {percent(constant)} %" for words in ("always one answer", "one answer")]
-    rule = BASELINES[name]
-    return _fitting(*(_Sentence(f"{form}.", [words]) for form in forms for words in (rule, rule.split("object ")[-1])))
+    rule, rate, constant = BASELINES[best.best_baseline], best.baselines[best.best_baseline], best.baselines["constant"]
+    if any(rate for name, rate in best.baselines.items() if name not in SEES_LABELS):
+        beats = f"{_BEATS[best.beats]} simple rule"
+        forms = [f"{beats}: {words} ({percent(rate)} %)" for words in (rule, rule.split("object ")[-1])]
+    else:
+        forms = ["The simple rules are right in none of the frames"]
+    if constant >= best.frr and constant > rate:
+        ends = (f"; {words}: {percent(constant)} %" for words in ("always one answer", "one answer"))
+        forms = [f"{form}{end}" for end in ends for form in forms]
+    return _fitting(*(_Sentence(f"{form}.", []) for form in forms))
 
 
 def _difference_lines(scores: Scores, names: Sequence[str]) -> list[str]:

@@ -31,7 +31,7 @@ from harness.run.records import BoxPx, Vector
 from vfoa.types import Codes, Flags, Float
 
 BASELINES = {
-    "commonest": "the commonest label of the other clips",
+    "commonest": "the commonest label of other clips",
     "nearest": "the object nearest to the eyes",
     "largest": "the object largest in the image",
     "central": "the object nearest to the camera's axis",

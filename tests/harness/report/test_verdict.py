@@ -100,6 +100,14 @@ def test_a_constant_answer_that_is_as_good_is_told_beside_the_rule_that_is_beate
         assert len(line) <= MOST_CHARACTERS
 
 
+def test_a_name_is_whole_where_looks_are_too_few_for_an_interval() -> None:
+    truth = ["cup"] * 20
+    given = {"truth-60deg": truth, "truth-90deg": truth, **{f"sgbm-{n}": ["vase"] * 20 for n in range(11)}}
+    records = [record for name, each in given.items() for record in answers(each, configuration=name)]
+    best = verdict_lines(score(records, Reference(labels={"clip": labels(*truth)})))[0]
+    assert best.startswith("Best of 13 (2 equally good): truth-60deg, right in 100.0 % (too few looks")
+
+
 @pytest.mark.parametrize("configurations", [("default",), ("a", "b")])
 @pytest.mark.parametrize("error_type", ERROR_TYPES)
 def test_errors_of_any_number_are_told_in_a_line(
