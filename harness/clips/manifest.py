@@ -28,6 +28,7 @@ from harness.labels.drawn_shapes import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
 from harness.labels.labels import RESERVED, Labels, Timeline
 from harness.sources import ADAPTERS, Clip, MeasuredClip
+from harness.sources.media.frame_times import HIGHEST_HZ
 from vfoa.coco import STUFF, THINGS
 from vfoa.errors import VfoaError, located
 from vfoa.scoring import is_word_of_tables
@@ -272,13 +273,18 @@ class ClipManifest(Settings):
 
 
 def _check_times(clip: Clip | MeasuredClip) -> None:
-    """Reject times that no file of ours and no recording can hold: a large frame number over a rate."""
+    """Reject times that no file of ours and no recording can hold, and more frames per second than cameras take."""
     for number in (*clip.frames[:1], *clip.frames[-1:]):
         if not abs(time_ns := clip.time_ns(number)) < 2**63:
             raise VfoaError(
                 f"frame {number}: its time is {time_ns / 1e9:.3g} s; expected less than 9.2e9: numbers that are times "
                 'have no rate_hz, but stamps = "ns" (or us, ms, s) in [source]'
             )
+    if clip.rate_hz is not None and clip.rate_hz > HIGHEST_HZ:
+        raise VfoaError(
+            f"found {clip.rate_hz:.6g} frames per second by their times; expected at most {HIGHEST_HZ:g}: are they "
+            'in another unit? Numbers in names have stamps = "us" (or ms, s) in [source], tables time_s or time_ns'
+        )
 
 
 def as_clip_name(text: str) -> str:

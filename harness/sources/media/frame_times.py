@@ -62,6 +62,8 @@ _END_OF_SECONDS = 2**31
 """Seconds since 1970 are less until 2038."""
 _FEWEST_TICKS = 1000
 """Least step of numbers that count no frames: a second in ms."""
+HIGHEST_HZ = 1000.0
+"""More frames per second than any camera of people takes: their times are in another unit."""
 UNTIMED_HZ = 1 / FRAME_S
 """Numbers of frames in a second where neither files nor the manifest say it."""
 

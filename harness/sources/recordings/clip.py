@@ -16,7 +16,7 @@ from harness.files.digests import digest_files
 from harness.files.io import check_fetched
 from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration import check_first_size, first_size
-from harness.sources.media.frame_times import rate_of
+from harness.sources.media.frame_times import HIGHEST_HZ, rate_of
 from harness.sources.media.maps import MILLIMETRES
 from harness.sources.recordings import realsense, zed
 from harness.sources.recordings.bags import BagContainer, bag_parts, data_files
@@ -43,9 +43,6 @@ from vfoa.types import Image, Map, StereoFrame
 
 _SHOWN = 3
 """Most losses that an error lists."""
-
-_HIGHEST_HZ = 1000.0
-"""More images per second than any camera of people takes: their times are in another unit."""
 
 
 class RecordingClip:
@@ -181,7 +178,7 @@ class RecordingClip:
 
     def _check_rate(self) -> None:
         """Refuse times in microseconds or milliseconds: seconds of labels, filters and tolerances would be wrong."""
-        if self.rate_hz is None or self.rate_hz <= _HIGHEST_HZ:
+        if self.rate_hz is None or self.rate_hz <= HIGHEST_HZ:
             return
         if self._settings.stamps == "header":
             times, instead = "time stamps", 'stamps = "log" in [source] takes the times of recording'
@@ -189,7 +186,7 @@ class RecordingClip:
             times, instead = "times of recording", 'stamps = "header" in [source] takes those of the messages'
         raise VfoaError(
             f"{self._where}: {self._streams.left.name}: found {self.rate_hz:.0f} images per second by their {times}; "
-            f"expected nanoseconds, at most {_HIGHEST_HZ:g} images per second: {instead}"
+            f"expected nanoseconds, at most {HIGHEST_HZ:g} images per second: {instead}"
         )
 
     def _notes_on_stamps(self) -> list[str]:

@@ -131,6 +131,17 @@ def test_millimetres_are_found_by_the_check(talk: Path) -> None:
     assert "frame 1: wall is 2500 m away" in problem
 
 
+def test_times_in_another_unit_are_refused_or_noted(talk: Path) -> None:
+    folder = talk / "data" / "talk"
+    assert check_clip("talk").notes == ()
+    measured_tables(folder, step_ns=40_000)  # microseconds that are called time_ns
+    (problem,) = check_clip("talk").problems
+    assert "found 25000 frames per second" in problem
+    measured_tables(folder, step_ns=40_000_000_000)  # milliseconds that are called time_s
+    (note,) = check_clip("talk").notes
+    assert "40 s apart" in note
+
+
 def test_the_example_of_the_documents_runs_and_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     text = read_text(REPOSITORY / "docs" / "sources.md")
