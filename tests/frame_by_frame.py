@@ -136,6 +136,7 @@ def judge(record: FrameRecord, subject: str, label: Label | None, traits: Answer
     predicted = _predicted(record, person)
     outcome: Outcome = "unscored"
     error_type = None
+    has_chances = traits.probabilistic and person is not None and person.missing is None
     if label is not None and label.target != IGNORED:
         error_type = _error_type(record, subject, person, label, predicted)
         outcome = "wrong" if error_type else "correct"
@@ -152,7 +153,7 @@ def judge(record: FrameRecord, subject: str, label: Label | None, traits: Answer
         predicted=predicted,
         outcome=outcome,
         error_type=error_type,
-        confidence=_confidence(record, person, label) if traits.probabilistic and predicted and person else None,
+        confidence=_confidence(record, person, label) if has_chances and person else None,
     )
 
 

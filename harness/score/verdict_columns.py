@@ -259,8 +259,8 @@ class _Pair:
         worth = np.tile(NO_PROBABILITIES if self.traits.probabilistic else UNKNOWN_WORTH, (n, 1)).astype(np.float64)
         if self.traits.probabilistic:
             chance = answers.chances()
-            confidence[seen] = np.where(answers.is_given, chance, np.nan)
             is_worth = answers.missing == UNKNOWN
+            confidence[seen] = np.where(is_worth, chance, np.nan)
             worth[seen[is_worth]] = answers.worths(chance)[is_worth]
         hits[seen] = hits_of(answers.right, self.baselines.picks[people])
         angles_rad[seen] = self.baselines.angles_rad[people]

@@ -31,6 +31,7 @@ from tests.disk import labels_text, write_text
 from tests.experiments import BLOCKS, experiment_of
 from tests.measured import idiap_file, measured_tables, true_labels
 from vfoa.errors import VfoaError
+from vfoa.scoring import NO_HIT
 
 THEIRS = {"attention.method": "answers", "attention.file": "answers/${CLIP}.csv"}
 
@@ -175,6 +176,7 @@ def test_arrays_get_the_scores_of_a_run(talk: Path) -> None:
     row, scored = _row(scores), vfoa.score(truth, answers, dict(zip(columns, chances.T, strict=True)))
     (reliability,) = reliabilities(scores.judged_subjects)
     assert 0 < row.no_hit < row.n
+    assert not any(each.confidence for each in scores.verdicts if each.predicted == NO_HIT)
     assert (scored.n, scored.correct, scored.frr) == (row.n, row.correct, row.frr)
     assert scored.coverage == row.coverage
     assert scored.calibration_error == pytest.approx(reliability.calibration_error, abs=1e-12)
