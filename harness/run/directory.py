@@ -116,6 +116,9 @@ class RunDirectory:
     def read_manifest(self) -> RunManifest:
         """Read the manifest.
 
+        In a project that was moved or copied, the clips are those of the project where it is now: a clip's manifest is
+        the file at the same place from the run's directory, if there is one.
+
         Raises
         ------
         VfoaError
@@ -131,12 +134,31 @@ class RunDirectory:
             runs = {str(path.parent) for at in ("*", "runs/*") for path in Path().glob(f"{at}/manifest.json")}
             hint = f"; {did_you_mean(str(self.path), runs)}" if runs else ""
             raise VfoaError(f"{self.path}: expected a run's directory, found {problem}{hint}")
-        return parse(RunManifest, parse_json(read_bytes(self.manifest), self.manifest), str(self.manifest))
+        manifest = parse(RunManifest, parse_json(read_bytes(self.manifest), self.manifest), str(self.manifest))
+        if manifest.directory in ("", self._absolute):
+            return manifest
+        clips = [
+            clip.model_copy(update={"manifest": self._beside(clip.manifest, manifest.directory)})
+            for clip in manifest.clips
+        ]
+        return manifest.model_copy(update={"clips": clips})
 
     def write_manifest(self, manifest: RunManifest) -> None:
         """Write the manifest."""
         self.path.mkdir(parents=True, exist_ok=True)
-        atomic_write(self.manifest, json.dumps(manifest.plain(), indent=2, ensure_ascii=False) + "\n")
+        plain = {**manifest.plain(), "directory": self._absolute}
+        atomic_write(self.manifest, json.dumps(plain, indent=2, ensure_ascii=False) + "\n")
+
+    @property
+    def _absolute(self) -> str:
+        return os.path.abspath(self.path)
+
+    def _beside(self, place: str, directory: str) -> str:
+        """The file that is to this directory as ``place`` was to ``directory``; ``place`` if there is none."""
+        if not place:
+            return place
+        now = os.path.normpath(os.path.join(self._absolute, os.path.relpath(place, directory)))
+        return now if os.path.isfile(now) else place
 
     def discard(self, pair: Pair) -> None:
         """Remove the partial results of a (clip, configuration) that is not finished."""

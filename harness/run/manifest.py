@@ -165,6 +165,8 @@ class RunManifest(_ManifestTable):
     """The labels that the run was made with, if its tables use other labels."""
     tables_annotator: str | None = None
     """The annotator whose labels the tables use, if not those that the run names."""
+    directory: str = ""
+    """The absolute path of the run's directory when this was written."""
 
     @field_validator("configurations")
     @classmethod

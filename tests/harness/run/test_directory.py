@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from harness.run.directory import RunDirectory
+from harness.run.manifest import ClipOfRun, RunManifest
+from tests.disk import write_text
 from tests.records import write_manifest
 from vfoa.errors import VfoaError
 
@@ -40,3 +43,16 @@ def test_a_key_of_another_kind_is_refused(manifest: dict[str, Any], key: str, tm
     write_manifest(RunDirectory(tmp_path), manifest)
     with pytest.raises(VfoaError, match=key):
         RunDirectory(tmp_path).read_manifest()
+
+
+def test_a_copied_project_has_its_own_clips(tmp_path: Path) -> None:
+    first, run = tmp_path / "first", Path("runs/demo")
+    place = first / "datasets" / "talk.toml"
+    write_text(place, 'name = "talk"')
+    clip = ClipOfRun(name="talk", manifest=str(place), frames=[1])
+    RunDirectory(first / run).write_manifest(RunManifest(clips=[clip]))
+    shutil.copytree(first, tmp_path / "copy")
+    shutil.copytree(first / run, tmp_path / "results")
+    expected = {"first/runs/demo": "first", "copy/runs/demo": "copy", "results": "first"}
+    found = {name: RunDirectory(tmp_path / name).read_manifest().clips[0].manifest for name in expected}
+    assert found == {name: str(tmp_path / project / "datasets" / "talk.toml") for name, project in expected.items()}
