@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from harness.files.digests import digest_files
@@ -46,11 +47,18 @@ class FileMatcher:
         Raises
         ------
         VfoaError
-            If it cannot be read, or its size is not the image's.
+            If it cannot be read, its size is not the image's, or most of it cannot be disparities in pixels.
         """
         path = self._maps.path(frame.index)
         disparity = read_disparity(path)
         check_size(disparity, frame, path)
+        known = np.isfinite(disparity)
+        beyond = np.count_nonzero(disparity > np.arange(1, disparity.shape[1] + 1))  # NaN is not
+        if 2 * beyond > np.count_nonzero(known):
+            raise VfoaError(
+                f"{path}: {beyond} of {np.count_nonzero(known)} disparities lead beyond the right image (median "
+                f"{np.median(disparity[known]):.4g}); expected pixels: depth, or counts of a pixel's parts?"
+            )
         return Disparity(disparity_px=disparity)
 
     def digest(self) -> str:

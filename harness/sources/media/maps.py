@@ -76,10 +76,11 @@ def read_disparity(path: Path) -> Map:
     Raises
     ------
     VfoaError
-        If the file cannot be read, is of another kind, or holds no positive disparity but negative ones.
+        If the file cannot be read, is of another kind, such as a picture, or holds mostly negative disparities.
     """
     pixels, is_png = _pixels(path), path.suffix.lower() == ".png"
     if is_png and pixels.ndim == 3 and pixels.dtype == np.uint8:
+        _check_no_picture(pixels, path)
         disparity = pixels.astype(np.float32) @ np.array([4, 1 / 64, 1 / 16384], dtype=np.float32)
         disparity = np.where(disparity < 1023.98, disparity, np.float32(np.nan))
     elif is_png and pixels.ndim == 2 and pixels.dtype == np.uint16:
@@ -94,9 +95,28 @@ def read_disparity(path: Path) -> Map:
             "RGB (Sintel) or one 16-bit channel (KITTI)"
         )
     known = np.isfinite(disparity)
-    if (known & (disparity < 0)).any() and not (known & (disparity > 0)).any():
-        raise VfoaError(f"{path}: every disparity is negative; expected positive ones (x_right = x_left - d)")
-    return np.where(known & (disparity > 0), disparity, np.float32(np.nan))
+    is_positive, negative = known & (disparity > 0), disparity[known & (disparity < 0)]
+    positive = np.count_nonzero(is_positive)
+    # some programs write -1, or another number, for unknown
+    if negative.size > positive and (positive == 0 or np.ptp(negative) > 0):
+        found = f"{negative.size} of {negative.size + positive} disparities are negative"
+        raise VfoaError(f"{path}: {found}; expected positive ones (x_right = x_left - d)")
+    return np.where(is_positive, disparity, np.float32(np.nan))
+
+
+_COLOURS, _FEWEST, _LEAST_SPREAD = 256, 1024, 64
+"""Most colours of a picture of a map; of how many pixels they are; the least spread of their red, of Sintel 256 px."""
+
+
+def _check_no_picture(pixels: NDArray[np.uint8], path: Path) -> None:
+    """Raise a :class:`VfoaError` for a map that was drawn in colours, by every fourth pixel of every fourth row."""
+    some = pixels[::4, ::4].reshape(-1, 3).astype(np.uint32)
+    is_judged = len(some) >= _FEWEST and np.ptp(some[:, 0]) >= _LEAST_SPREAD
+    if is_judged and np.unique(some @ np.array([1 << 16, 1 << 8, 1])).size <= _COLOURS:
+        raise VfoaError(
+            f"{path}: a picture of disparity, in at most {_COLOURS} colours; expected its numbers: .npy, .pfm, or a "
+            "PNG with one 16-bit channel of 256 counts per pixel"
+        )
 
 
 def read_pfm(path: Path) -> Map:

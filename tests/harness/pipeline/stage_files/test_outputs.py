@@ -230,7 +230,7 @@ def test_ids_that_nobody_wants_become_no_instance() -> None:
 
 def _disparity() -> np.ndarray:
     """Multiples of 1/64 (exact in every format here), with a hole."""
-    disparity = np.random.default_rng(0).integers(1, 64 * 200, (HEIGHT, WIDTH)).astype(np.float32) / 64
+    disparity = np.random.default_rng(0).integers(1, 64 * 60, (HEIGHT, WIDTH)).astype(np.float32) / 64
     disparity[3, 5] = np.nan
     return disparity
 
@@ -297,12 +297,32 @@ def test_damaged_maps_are_one_line(tmp_path: Path, name: str, content: bytes, me
         read_disparity(write_bytes(tmp_path / name, content))
 
 
+@pytest.mark.parametrize("colours", [cv2.COLORMAP_JET, cv2.COLORMAP_VIRIDIS, None])
+def test_a_picture_of_disparity_is_refused(tmp_path: Path, colours: int | None) -> None:
+    gray = np.tile(np.linspace(0, 255, 320).astype(np.uint8), (200, 1))
+    picture = np.dstack([gray] * 3) if colours is None else cv2.applyColorMap(gray, colours)
+    with pytest.raises(VfoaError, match="a picture of disparity"):
+        read_disparity(write_image(tmp_path / "jet.png", picture))
+
+
+def test_disparities_that_leave_the_right_image_are_refused(tmp_path: Path, clip: StereoFolderClip) -> None:
+    np.save(tmp_path / "0004.npy", np.full((HEIGHT, WIDTH), 1200, np.float32))  # depth in mm, or counts
+    settings = FileMatcherSettings(root=str(tmp_path), pattern="%04d.npy", partial=True)
+    with pytest.raises(VfoaError, match=r"0004\.npy: .* beyond the right image"):
+        FileMatcher(settings, clip).match(clip.frame(4))
+
+
 def test_negative_and_integer_disparities_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "negative.npy", -np.ones((2, 2), np.float32))
     np.save(tmp_path / "whole.npy", np.ones((2, 2), np.int16))
-    with pytest.raises(VfoaError, match="every disparity is negative"):
+    with pytest.raises(VfoaError, match="4 of 4 disparities are negative"):
         read_disparity(tmp_path / "negative.npy")
     with pytest.raises(VfoaError, match="int16; expected"):
         read_disparity(tmp_path / "whole.npy")
+    np.save(tmp_path / "flow.npy", np.where(np.arange(64) < 2, 0.5, -np.linspace(5, 60, 64))[None])  # of RAFT-Stereo
+    with pytest.raises(VfoaError, match="62 of 64 disparities are negative"):
+        read_disparity(tmp_path / "flow.npy")
+    np.save(tmp_path / "sparse.npy", np.where(np.arange(64) < 2, 0.5, -1.0)[None])  # -1 is unknown
+    assert np.isfinite(read_disparity(tmp_path / "sparse.npy")).sum() == 2
     with pytest.raises(VfoaError, match="8-bit RGB"):
         read_disparity(write_image(tmp_path / "gray.png", np.ones((2, 2), np.uint8)))
