@@ -164,7 +164,8 @@ class AnnotationFiles:
     They are searched in ``annotations`` beside the manifest's folder, then in that of the working directory, if no
     other clip has this name there. Labels that came with the program belong only to clips that did, never to another
     clip of the same name. ``with_clip`` are the clip's root and the path of labels below it, as configured, which are
-    searched last.
+    searched last. A clip beside whose folder another one has a manifest of the same name is refused by every method,
+    as they would share labels; one in a folder ``datasets`` is not.
     """
 
     clip: str
@@ -255,7 +256,15 @@ class AnnotationFiles:
     def _beside(self) -> Path:
         if came_with_program(self.manifest):  # the working directory's own labels of such a clip come first
             return Path.cwd() / "annotations"
-        return self.manifest.resolve().parent.parent / "annotations"
+        manifest = self.manifest.resolve()
+        place = manifest.parent.parent / "annotations"
+        namesakes = (path for path in place.parent.glob(f"*/{manifest.name}") if path.resolve() != manifest)
+        if manifest.parent.name != "datasets" and (other := next(namesakes, None)):
+            raise VfoaError(
+                f"{self.manifest}: its labels would be in {place / self.clip}.csv, as those of {other}; expected a "
+                "name of its own for each: rename one of the two, in the file, too"
+            )
+        return place
 
     @property
     def _folders(self) -> list[Path]:

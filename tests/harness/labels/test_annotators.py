@@ -104,6 +104,19 @@ def test_labels_of_another_project_are_not_those_of_its_clip_of_the_same_name(
     assert manifest.annotations.find() == (None if has_namesake else labels)
 
 
+def test_two_clips_of_one_name_in_two_folders_do_not_share_labels(manifest: ClipManifest, tmp_path: Path) -> None:
+    text = manifest.path.read_text(encoding="utf-8")
+    one, other = (load_manifest(write_text(tmp_path / day / "clip.toml", text)) for day in ("monday", "tuesday"))
+    for clip, namesake in ((one, other), (other, one)):
+        with pytest.raises(
+            VfoaError, match=rf"^{clip.path}: .*annotations/clip\.csv.*(datasets|{namesake.path.parent})"
+        ):
+            clip.annotations.find()
+        with pytest.raises(VfoaError, match="expected a name of its own"):
+            clip.annotations.place("anna")
+    assert _target(manifest, None) == "bird"
+
+
 def test_labels_that_came_with_the_program_are_not_those_of_another_clip_of_the_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
