@@ -18,7 +18,7 @@ from harness.files.digests import KNOWN, used_digests
 from harness.files.folders import read_value, write_value
 from harness.files.groups import grouped
 from harness.files.safe_names import vfoa_command
-from harness.labels.labels import Timeline
+from harness.labels.labels import Labels, Timeline
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
@@ -151,20 +151,11 @@ class FinishedRun:
         read = {clip.name: manifests[clip.name].labels(_timeline(clip), annotator) for clip in run.clips}
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
         without_labels = [manifests[name] for name, of_clip in read.items() if not (of_clip and of_clip.are_scored)]
-        conditions: list[Note] = []
-        whole = labels
-        if where:
-            frames = {clip.name: clip.frames for clip in run.clips}
-            times_ns = {clip.name: clip.times_ns or () for clip in run.clips}
-            labels = subset(labels, where, frames, times_ns, self.columns)
-            left = {name for name, of_clip in labels.items() if of_clip.are_scored}
-            emptied = (name for name, of_clip in whole.items() if of_clip.are_scored and name not in left)
-            conditions += [unlabelled(name, "no labelled frame meets the conditions, not scored.") for name in emptied]
-            conditions.append(Note(f"Only frames with {' and '.join(each.text for each in where)}."))
+        chosen, conditions = self._chosen(labels, where) if where else (labels, [])
         of_clips = grouped((note, clip.name) for clip in run.clips for note in clip.notes)
         return Reference(
-            labels=labels,
-            all_labels=whole if where else None,
+            labels=chosen,
+            all_labels=labels if where else None,
             frames={clip.name: clip.frames for clip in run.clips},
             notes=(
                 *map(Note, _left_out(run)[2]),
@@ -173,7 +164,7 @@ class FinishedRun:
                 *([Note(f"Scored against the labels of {annotator!r}.")] if annotator else []),
                 *(Note(f"{', '.join(clips)}: {note}") for note, clips in of_clips.items()),
                 *map(Note, self._changes(manifests, compare_content)),
-                *_twice_notes(clip for clip in run.clips if clip.name in labels),
+                *_twice_notes(clip for clip in run.clips if clip.name in chosen),
                 *self._unlabelled_notes(without_labels),
                 *conditions,
             ),
@@ -186,6 +177,18 @@ class FinishedRun:
             phases={name: manifests[name].phase_of_things() for name in read if manifests[name].phases},
             is_recorded=run.recording is not None,
         )
+
+    def _chosen(
+        self, labels: Mapping[str, Labels], where: Sequence[Condition]
+    ) -> tuple[Mapping[str, Labels], list[Note]]:
+        """The labels of the frames that meet the conditions, and notes on what is left of the clips."""
+        frames = {clip.name: clip.frames for clip in self.manifest.clips}
+        times_ns = {clip.name: clip.times_ns or () for clip in self.manifest.clips}
+        chosen = subset(labels, where, frames, times_ns, self.columns)
+        left = {name for name, of_clip in chosen.items() if of_clip.are_scored}
+        emptied = (name for name, of_clip in labels.items() if of_clip.are_scored and name not in left)
+        notes = [unlabelled(name, "no labelled frame meets the conditions, not scored.") for name in emptied]
+        return chosen, [*notes, Note(f"Only frames with {' and '.join(each.text for each in where)}.")]
 
     def _changes(self, manifests: Mapping[str, ClipManifest], compare_content: bool) -> Iterator[str]:
         """What has changed since the run: labels, names and, with ``compare_content``, the clips."""
