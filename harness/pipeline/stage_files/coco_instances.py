@@ -64,6 +64,20 @@ class CocoInstances:
         missing = [frame for frame in clip.frames if self._number(frame) not in self._masks.by_image]
         if missing and (len(missing) == len(clip.frames) or not (settings.partial or self._masks.are_all_found)):
             raise VfoaError(self._missing(missing[0], f" ({len(missing)} of {len(clip.frames)} frames are missing)"))
+        if self._masks.are_all_found:
+            self._check_numbers(clip.frames)
+
+    def _check_numbers(self, frames: Sequence[int]) -> None:
+        """Reject images of results that are the clip's frames if these are counted from one more, or one less."""
+        offset, numbers = self._settings.frame_offset, self._masks.by_image
+        first, last = (each(numbers) + offset for each in (min, max))
+        for shift in (1, -1):
+            is_outside = first < frames[0] or last > frames[-1]
+            if is_outside and frames[0] <= first + shift and last + shift <= frames[-1]:
+                raise VfoaError(
+                    f"{self._files[0]}: image_id: found {first - offset} to {last - offset}, the clip's frames are "
+                    f"{frames[0]} to {frames[-1]}; expected these, or segmentation.frame_offset = {offset + shift}"
+                )
 
     def segment(self, frame: StereoFrame) -> Instances:
         """Read one frame's masks.

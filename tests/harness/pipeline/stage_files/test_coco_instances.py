@@ -96,6 +96,19 @@ def test_images_may_count_from_0(clip: StereoFolderClip, tmp_path: Path) -> None
     assert [each.label for each in stage.segment(clip.frame(4)).instances] == ["robot"]
 
 
+@pytest.mark.parametrize(("frames", "images", "offset"), [((0, 1, 2), (1, 3), -1), ((1, 2, 3), (0, 1, 2), 1)])
+def test_results_that_count_from_another_number_are_refused(
+    frames: tuple[int, ...], images: tuple[int, ...], offset: int, tmp_path: Path
+) -> None:
+    clip = open_pairs(tmp_path / "other", frames)
+    results = [drawn(image, 1, 0, 20, score=0.9) for image in images]
+    with pytest.raises(VfoaError, match=f"instances.json: .*segmentation.frame_offset = {offset}"):
+        segmenter(clip, tmp_path, results)
+    stage = segmenter(clip, tmp_path, results, frame_offset=offset)
+    assert len(stage.segment(clip.frame(images[0] + offset)).instances) == 1
+    segmenter(clip, tmp_path, [*results, drawn(9, 1, 0, 20, score=0.9)])  # of a longer film
+
+
 def test_a_frame_that_is_not_listed_is_found_at_the_start(clip: StereoFolderClip, tmp_path: Path) -> None:
     content = document([drawn(0, 7, 0, 9)], ["0004.png"])
     with pytest.raises(VfoaError, match=r"instances\.json: no image 7 \(1 of 2"):
