@@ -318,9 +318,14 @@ def manifest_of_run(place: str, clip: str, annotator: str | None) -> ClipManifes
     Raises
     ------
     VfoaError
-        As :func:`load_manifest`.
+        As :func:`load_manifest`; of a clip that is not there, it says where it was.
     """
     if not is_file(Path(place)):
+        if place and clip not in clip_files():
+            raise VfoaError(
+                f"no clip {clip!r}: when the run was made it was {place}, which is not there; expected it there, or a "
+                "clip of this name here: if it was renamed, give it and its labels the earlier name, or run it again"
+            )
         return load_manifest(clip)
     then = load_manifest(place, clip)
     if came_with_program(then.path) and (now := load_manifest(clip)).annotations.find(annotator):

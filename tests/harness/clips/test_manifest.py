@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from harness.clips.families import clip_files
-from harness.clips.manifest import as_clip_name, clips_here, load_manifest, make_manifest
+from harness.clips.manifest import as_clip_name, clips_here, load_manifest, make_manifest, manifest_of_run
 from harness.files.remote import expand
 from harness.labels.labels import timeline_of
 from harness.run.experiment import load_experiment
@@ -287,6 +287,12 @@ def test_labels_among_the_files_count_until_there_are_annotations(
     assert manifest.annotations.find() == with_clip
     own = write_text(tmp_path / "annotations" / "talk_1.csv", true_labels())
     assert manifest.annotations.find() == own
+
+
+def test_a_runs_clip_that_was_renamed_says_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(VfoaError, match=rf"^no clip 'talk': .*{tmp_path}/datasets/talk\.toml"):
+        manifest_of_run(str(tmp_path / "datasets" / "talk.toml"), "talk", None)
 
 
 @pytest.mark.parametrize(
