@@ -85,12 +85,19 @@ class CocoInstances:
         Raises
         ------
         VfoaError
-            If the file does not list the frame's image, or a mask is none, or not of the image's size.
+            If the file does not list the frame's image, lists it with another size, or a mask is none, or not of the
+            image's size.
         """
         objects = self._masks.by_image.get(self._number(frame.index))
         if objects is None and not self._masks.are_all_found:
             raise VfoaError(self._missing(frame.index))
         size = frame.left.shape[:2]
+        name, *sides = self._masks.listed.get(self._number(frame.index), ("", *size[::-1]))
+        if sides != [*size[::-1]]:
+            raise VfoaError(
+                f"{self._files[-1]}: {name}: found {sides[0]} x {sides[1]} pixels; expected {size[1]} x {size[0]}, the "
+                "size of the left image: masks drawn on images that were not resized"
+            )
         kept = [each for each in objects or () if each.instance.score >= self._settings.min_score]
         masks = [read_mask(bytes(each.segmentation), size, each.where) for each in kept]
         order = sorted(range(len(kept)), key=lambda i: (-kept[i].instance.score, int(np.count_nonzero(masks[i]))))
@@ -122,10 +129,14 @@ class _Object(NamedTuple):
 
 
 class _InstanceMasks(NamedTuple):
-    """The objects by the number of their image. ``are_all_found``: in an image that is missing nothing was found."""
+    """The objects by the number of their image. ``are_all_found``: in an image that is missing nothing was found.
+
+    ``listed`` are the names, widths and heights of images, of those that the file says, by number.
+    """
 
     by_image: Mapping[int, Sequence[_Object]]
     are_all_found: bool
+    listed: Mapping[int, tuple[str, int, int]]
 
 
 @lru_cache(maxsize=2)
@@ -157,7 +168,12 @@ def _read(paths: tuple[Path, ...], digests: tuple[str, ...]) -> _InstanceMasks:
             raise VfoaError(f"{spot}: a second object with the track_id {annotation.track} in its image; expected one")
         objects[instance.id] = _Object(instance, annotation.segmentation, f"{spot}: segmentation")
     by_image = {number: tuple(objects.values()) for number, objects in found.items()}
-    return _InstanceMasks(by_image, are_all_found=not dataset.images)
+    listed = {
+        numbers[image.id]: (image.name, image.width, image.height)
+        for image in dataset.images
+        if image.width and image.height
+    }
+    return _InstanceMasks(by_image, are_all_found=not dataset.images, listed=listed)
 
 
 def _numbers(file: CocoFile, dataset: CocoFile, paths: Sequence[Path]) -> Mapping[int | str, int]:

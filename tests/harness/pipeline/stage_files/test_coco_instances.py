@@ -62,6 +62,17 @@ def test_masks_are_read_and_smaller_ones_lie_on_larger_ones(clip: StereoFolderCl
     assert (robot.id, robot.label, robot.keeps_id) == (3, "robot", True)
 
 
+def test_polygons_of_resized_images_are_refused(clip: StereoFolderClip, tmp_path: Path) -> None:
+    content = document([drawn(0, 7, 0, 9)])
+    for image in content["images"]:
+        image.update(width=WIDTH // 2, height=HEIGHT // 2)
+    stage = segmenter(clip, tmp_path, content)
+    with pytest.raises(VfoaError, match=r"instances\.json: left/0004\.png: found 32 x 24 pixels; expected 64 x 48"):
+        stage.segment(clip.frame(4))
+    content["images"][0].update(width=WIDTH, height=HEIGHT)
+    assert len(segmenter(clip, tmp_path, content).segment(clip.frame(4)).instances) == 1
+
+
 def test_results_of_a_detector(clip: StereoFolderClip, tmp_path: Path) -> None:
     """Without a data set, ``image_id`` is the frame's number and ``category_id`` is COCO's; scores decide."""
     results = [
