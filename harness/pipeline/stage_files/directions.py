@@ -30,6 +30,7 @@ from harness.pipeline.ground_truth import LEAST_OVERLAP
 from harness.pipeline.stage_files.heads import FrameTable, read_heads, read_table
 from harness.sources import Clip
 from vfoa.crops import center
+from vfoa.errors import VfoaError
 from vfoa.geometry import box_iou, direction_from_crop, gaze_direction_crop, head_direction_crop, pixel_ray
 from vfoa.settings import Settings
 from vfoa.types import Float, Gaze, Head, HeadPose, StereoFrame
@@ -39,6 +40,8 @@ HEAD_ANGLES = ("yaw", "pitch", "roll")
 _UNITS = ("_deg", "_rad")
 _LENGTH_TOLERANCE = 0.01
 _MOST_RAD = 2 * math.pi
+_MANY_ROWS, _QUARTER_TURN_RAD = 20, 1.58
+"""Rows of which some are further than this, in degrees, from looking into the camera; in radians most are not."""
 
 
 class FileDirectionSettings(Settings):
@@ -90,6 +93,7 @@ class _FileDirections:
             lambda row: f"subject {table.subjects[row]!r} has no head in frame {table.frames[row]} of {heads}",
         )
         self._angles, self._directions, self._sigmas = _angles(table, self.angles), _directions(table), _sigmas(table)
+        _check_degrees(table, self.angles)
         has_angles, has_direction = ~np.isnan(self._angles[:, 0]), ~np.isnan(self._directions[:, 0])
         in_degrees = ", ".join(f"{name}_deg" for name in self.angles)
         table.columns.refuse_first(
@@ -183,6 +187,18 @@ def _angles(table: FrameTable, names: Sequence[str]) -> Float:
         lambda row: f"{names[0]}: found degrees and radians; expected one of them",
     )
     return np.where(in_degrees, np.radians(degrees), radians)
+
+
+def _check_degrees(table: FrameTable, names: Sequence[str]) -> None:
+    """Raise a :class:`VfoaError` for degrees that are probably radians: many rows, and all look into the camera."""
+    columns = [f"{name}_deg" for name in names]
+    degrees = np.abs(table.columns.group(columns))
+    count, most = np.count_nonzero(~np.isnan(degrees[:, 0])), np.nanmax(degrees, initial=0.0)
+    if count >= _MANY_ROWS and 0 < most <= _QUARTER_TURN_RAD:
+        raise VfoaError(
+            f"{table.columns.path}: {', '.join(columns)}: found at most {most:.3g} in {count} rows; expected degrees, "
+            f"or columns of radians ({names[0]}_rad)"
+        )
 
 
 def _sigmas(table: FrameTable) -> Float:

@@ -304,6 +304,20 @@ def test_a_mistake_in_the_gazes_is_found_before_the_first_frame(text: str, line:
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(("unit", "most"), [("deg", 0.8), ("deg", 25.0), ("rad", 0.8)])
+def test_radians_that_are_called_degrees_are_refused(unit: str, most: float, tmp_path: Path) -> None:
+    people = [f"p{number}" for number in range(24)]
+    write_heads(tmp_path / "heads.csv", [(70, name, Head(box_px=RIGHT, score=1.0)) for name in people])
+    angles = np.linspace(-most, most, len(people))
+    rows = [f"70,{name},{angle},{-angle / 2}" for name, angle in zip(people, angles, strict=True)]
+    write_text(tmp_path / "gaze.csv", "\n".join([f"frame,subject,theta_{unit},phi_{unit}", *rows]) + "\n")
+    if (unit, most) == ("deg", 0.8):
+        with pytest.raises(VfoaError, match=r"gaze\.csv: theta_deg, phi_deg: found at most 0\.8 in 24 rows"):
+            _gaze(tmp_path)
+    else:
+        _gaze(tmp_path)
+
+
 def _heads(root: Path) -> None:
     """Ben at the right and Anna at the left, in two frames."""
     boxes = {"ben": RIGHT, "anna": LEFT}
