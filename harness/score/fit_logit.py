@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -26,7 +27,15 @@ from harness.run.grid import base_of
 from harness.run.table_columns import TableFiles, look_columns, scene_columns
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability
-from harness.score.labelled_run import LabelledPair, LabelledPerson, LabelledRun, cases_of, labelled_runs, truths_of
+from harness.score.labelled_run import (
+    LabelledPair,
+    LabelledPerson,
+    LabelledRun,
+    ScoredAnswer,
+    cases_of,
+    labelled_runs,
+    truths_of,
+)
 from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, default_weights, target_probabilities
@@ -155,10 +164,10 @@ def _compared(folds: Sequence[Fold]) -> Iterator[MethodScore]:
     by_name: dict[str, list[Float]] = {}
     on_target = np.concatenate([is_on_target(person) for fold in folds for person in fold.test])
     for train, test in folds:
-        limit_rad, share = _limit_rad(train), _share_nowhere(train)
+        limit_rad, labels = _limit_rad(train), _labels_of(train)
         weights = fitted_to(train, answering=test)
         for person in test:
-            by_method = {COMMONEST: _constant(person, share), NEAREST: _within(person, limit_rad)}
+            by_method = {COMMONEST: _commonest(person, labels), NEAREST: _within(person, limit_rad)}
             by_method |= {name: outcomes_of[person.labelled] for name, outcomes_of in person.others.items()}
             # later frames have no weight in them: both would be the same row
             by_method[f"{DEFAULT}, forward"] = answers(person, default_weights(), "forward")
@@ -197,14 +206,20 @@ def answers(person: LabelledPerson, weights: LogitWeights, smoothing: Smoothing)
         after = later_means(sequence.seen, sequence.gaps_s[:-1])
     outcomes = []
     for k in person.labelled:
-        seen, right = sequence.seen[k], sequence.targets[k]
+        seen = sequence.seen[k]
         chance = target_probabilities(seen, getattr(cases, seen.case), after[k])
         chances = dict(zip((None, *seen.ids), [1 - float(chance.sum()), *chance.tolist()], strict=True))
         best = max(chances, key=lambda answer: chances[answer])  # nowhere, if it is as likely
-        together = next((group for group in person.alike[k] if best in group), (best,))
-        of_best, of_true = (sum(chances.get(answer, 0.0) for answer in group) for group in (together, right))
-        outcomes.append((best in right, of_best, of_true))
+        outcomes.append(_outcome(person, k, best, chances))
     return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
+
+
+def _outcome(person: LabelledPerson, k: int, best: int | None, chances: Mapping[int | None, float]) -> ScoredAnswer:
+    """The outcome of an answer in a frame: all objects of a name are one, but for those that a point tells apart."""
+    names, right = person.names[k], person.sequence.targets[k]
+    kinds = {each: (names.get(each, each), each in right) for each in chances}
+    of_best = sum(chance for each, chance in chances.items() if kinds[each] == kinds[best])
+    return best in right, of_best, sum(chances.get(each, 0.0) for each in right)
 
 
 def score(name: str, outcomes: Float, on_target: Flags) -> MethodScore:
@@ -241,20 +256,30 @@ def _within(person: LabelledPerson, limit_rad: float) -> Float:
     return np.column_stack([right, np.full((len(right), 2), math.nan)])
 
 
-def _share_nowhere(people: Sequence[LabelledPerson]) -> float:
-    """Share of nowhere among the labels, by Laplace's rule."""
-    on_target = np.concatenate([is_on_target(person) for person in people])
-    return float((~on_target).sum() + 1) / (len(on_target) + 2)
+_Labels = Counter[str | int | None]
+"""The number of labelled frames of each name, None for nowhere."""
 
 
-def _constant(person: LabelledPerson, share: float) -> Float:
-    """The outcomes of a constant share of nowhere, and equal probabilities of the targets."""
+def _labels_of(people: Sequence[LabelledPerson]) -> _Labels:
+    first = [(person.names[k], person.sequence.targets[k][0]) for person in people for k in person.labelled]
+    return Counter(names.get(target, target) for names, target in first)
+
+
+def _commonest(person: LabelledPerson, labels: _Labels) -> Float:
+    """The outcomes of the commonest of the labels, of those that a frame has.
+
+    Its probabilities are the share of nowhere and, of the rest, that of each name, by Laplace's rule.
+    """
+    nowhere = (labels[None] + 1) / (labels.total() + 2)
     outcomes = []
     for k in person.labelled:
-        right, ids = person.sequence.targets[k], person.sequence.seen[k].ids
-        of_each = (1 - share) / max(len(ids), 1)
-        is_right = (None if share >= of_each else ids[0]) in right
-        outcomes.append((is_right, max(share, of_each), share if None in right else of_each * len(right)))
+        names = {number: person.names[k].get(number, number) for number in person.sequence.seen[k].ids}
+        objects, of_targets = Counter(names.values()), sum(labels[name] + 1 for name in {*names.values()})
+        shares = {name: (1 - nowhere) * (labels[name] + 1) / of_targets for name in objects}
+        chances: dict[int | None, float] = {None: nowhere}
+        chances |= {number: shares[name] / objects[name] for number, name in names.items()}
+        best = max(chances, key=lambda answer: nowhere if answer is None else shares[names[answer]])
+        outcomes.append(_outcome(person, k, best, chances))
     return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
 
 

@@ -8,13 +8,14 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from harness.labels.labels import Labels
 from harness.run.attend import with_method
-from harness.run.columns import UNKNOWN, LookColumns, SceneColumns, Words
+from harness.run.columns import LookColumns, SceneColumns, Words
 from harness.run.directory import RunDirectory
 from harness.run.executors import Bar, Executor, InProcess, Progress, no_bar
 from harness.run.grid import base_of
@@ -36,8 +37,8 @@ from vfoa.types import Attention, Flags, Float, Scene, Subject
 _CONES = ConesSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
 
-Groups = tuple[tuple[int, ...], ...]
-"""The instances of each name that several have; those that a label's point tells apart are in two groups."""
+Names = Mapping[int | None, str]
+"""The name of each instance of a frame, by its id."""
 
 ScoredAnswer = tuple[bool, float, float]
 """Whether an answer is right; its probability, and that of the truth. NaN without probabilities."""
@@ -47,13 +48,13 @@ ScoredAnswer = tuple[bool, float, float]
 class LabelledPerson:
     """One labelled person of a clip under one seed, by frame: the sequence, and the answers of other methods.
 
-    ``alike`` are the groups of objects that are one answer together. ``nearest`` (frames, 2) is the angle of the target
-    nearest to the measured direction, radians, and whether it is the true one; ``others`` hold the outcomes (frames, 3)
-    of each method.
+    ``names`` are those of the instances in each frame. ``nearest`` (frames, 2) is the angle of the target nearest to
+    the measured direction, radians, and whether it is the true one; ``others`` hold the outcomes (frames, 3) of each
+    method.
     """
 
     sequence: LabelledSequence
-    alike: Sequence[Groups]
+    names: Sequence[Names]
     nearest: Float
     others: Mapping[str, Float]
 
@@ -143,13 +144,13 @@ class LabelTruth(NamedTuple):
     """What is right for a person in a frame: instances, None for nowhere; nothing without a label.
 
     ``angle_rad`` is that of the target nearest to the measured direction, and ``is_nearest`` says whether it is right.
-    ``alike`` are the objects that are one answer together.
+    ``names`` are those of the instances of the frame.
     """
 
     answers: tuple[int | None, ...]
     angle_rad: float
     is_nearest: bool
-    alike: Groups = ()
+    names: Names = MappingProxyType({})
 
 
 LabelTruths = Mapping[str, Mapping[int, LabelTruth]]
@@ -167,19 +168,13 @@ def truths_of(scene: SceneColumns, looks: LookColumns, labels: Labels, words: Wo
         rows = zip(view.ids[people], named, label.is_nowhere.tolist(), strict=True)
         answers = ((None,) if is_nowhere else tuple(ids[right].tolist()) for ids, right, is_nowhere in rows)
         is_nearest = hits_of(named, picks.picks[people, 3:])[:, 0].tolist()
-        alike = map(_alike, view.ids[people].tolist(), view.names[people].tolist(), named.tolist())
-        of_frames = map(LabelTruth, answers, picks.angles_rad[people].tolist(), is_nearest, alike)
+        names = [
+            {number: name for number, name in zip(numbers, words.words(codes), strict=True) if name is not None}
+            for numbers, codes in zip(view.ids[people].tolist(), view.names[people], strict=True)
+        ]
+        of_frames = map(LabelTruth, answers, picks.angles_rad[people].tolist(), is_nearest, names)
         truths[subject] = dict(zip(frames.tolist(), of_frames, strict=True))
     return truths
-
-
-def _alike(ids: Sequence[int], names: Sequence[int], right: Sequence[bool]) -> Groups:
-    """The groups of the instances of a frame, from the code of each one's name, and whether it is right."""
-    groups: dict[tuple[int, bool], tuple[int, ...]] = {}
-    for number, name, is_right in zip(ids, names, right, strict=True):
-        if name != UNKNOWN:
-            groups[name, is_right] = (*groups.get((name, is_right), ()), number)
-    return tuple(group for group in groups.values() if len(group) > 1)
 
 
 Answers = Mapping[tuple[str, int], Mapping[str, ScoredAnswer]]
@@ -423,7 +418,7 @@ def _person(
             alone={case: [found[case].seen[name].get(number) for number in seen] for case in pair.alone},
             targets=[_right(truth_of[number], features) for number, features in seen.items()],
         ),
-        alike=[truth_of[number].alike for number in seen],
+        names=[truth_of[number].names for number in seen],
         nearest=np.array([truth_of[number][1:3] for number in seen], dtype=np.float64),
         others={method: np.array([each.get(method, missing) for each in answers], np.float64) for method in methods},
     )

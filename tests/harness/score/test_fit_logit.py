@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import shlex
 import shutil
@@ -122,6 +123,30 @@ def test_any_object_of_the_name_that_a_label_has_is_right(tmp_path: Path, monkey
         expected = getattr(scores["forward"], value)
         assert getattr(scores["default weights, forward"], value) == pytest.approx(expected, abs=1e-3)
     assert scores["fitted, forward"].log_loss < scores["default weights, forward"].log_loss
+
+
+def test_the_commonest_answer_is_the_label_that_the_others_have_most(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is neither the first object nor nowhere, which has fewer labels than the cup alone, and more than a fifth."""
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one", "two"), 30)
+    rows = [
+        f"{first},{last},{subject},{target},"
+        for subject in ("anna", "ben")
+        for first, last, target in ((1, 15, "cup"), (16, 25, "none"), (26, 30, "robot"))
+    ]
+    for name in ("one", "two"):
+        write_text(tmp_path / "annotations" / f"{name}.csv", labels_text(*rows))
+    found = fit_logit(read_labelled(_plain_run(tmp_path))).fit.held_out
+    (commonest,) = (each for each in found if each.method == "commonest")
+    assert (commonest.n, commonest.frr, commonest.recall_on_targets) == (120, 0.5, 0.75)
+    nowhere, of_targets = 21 / 62, 31 + 11 + 1  # of the 60 frames of the other clip; each sees three targets
+    chances = {"cup": (1 - nowhere) * 31 / of_targets, "none": nowhere, "robot": (1 - nowhere) * 11 / of_targets}
+    frames = {"cup": 15, "none": 10, "robot": 5}
+    expected = -sum(count * math.log(chances[name]) for name, count in frames.items()) / 30
+    assert commonest.log_loss == pytest.approx(expected, abs=1e-3)
+    assert commonest.calibration_error == pytest.approx(abs(0.5 - chances["cup"]), abs=1e-3)
 
 
 def test_a_file_that_could_be_no_preset_is_refused_before_anything_is_run(
