@@ -39,6 +39,7 @@ from harness.labels.formats.table_times import (
     UNITS,
     Cells,
     check_milliseconds,
+    check_minutes,
     check_unit,
     on_own_clock,
     time_ms_of,
@@ -152,6 +153,7 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     known = [row for row in with_target if not exchange.names.leaves_out(row[1].get("subject"), row[1]["target"])]
     if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in UNITS:
         check_unit(known, place, exchange, path)
+    check_minutes(known, place, exchange, path)
     if place[0] in ("start_ms", "time_ms"):
         check_milliseconds(known, place, exchange, path)
     if exchange.until_next:

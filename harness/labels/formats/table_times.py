@@ -64,6 +64,27 @@ def check_unit(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, 
         )
 
 
+def check_minutes(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path: Path) -> None:
+    """Reject hours and minutes that are probably minutes and seconds, as a spreadsheet takes ``1:30`` for 1:30:00.
+
+    Raises
+    ------
+    VfoaError
+        If all seconds are 0, and times reach beyond the clip's end, and near it if they were a 60th as long.
+    """
+    cells = [cells[column] for _, cells in rows for column in place]
+    clocks = [_CLOCK.fullmatch(cell) for cell in cells]
+    if place[0] not in ("start_s", "time_s") or not all(clock and clock[1] and clock[3] == "00" for clock in clocks):
+        return
+    times_s = [time_ms_of(cell, "", unit_ms=1, fps=None) / 1000 for cell in cells]
+    last, end_s = max(times_s, default=0.0), exchange.shown.times_ns[-1] / 1e9
+    if last > _LEAST_TIMES * end_s and _LEAST_SHARE <= last / 60 / max(end_s, 1) <= _MOST_SHARE:
+        raise VfoaError(
+            f"{path}: {' and '.join(place)}: times reach {cells[times_s.index(last)]}, the clip ends at {end_s:g} s; "
+            "expected h:mm:ss: a spreadsheet takes 1:30 for hours and minutes; type 0:01:30"
+        )
+
+
 def check_milliseconds(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path: Path) -> None:
     """Reject milliseconds with a point that are probably seconds, or whole ones with a point after the thousands.
 

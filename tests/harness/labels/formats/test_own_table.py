@@ -409,6 +409,15 @@ def test_labels_of_a_longer_film_stay_seconds(tmp_path: Path, text: str) -> None
     assert [row.label.target for row in labels.ranges] == ["bird"]
 
 
+@pytest.mark.parametrize("ends", ["start_s,end_s", "start,end"])
+def test_minutes_that_a_spreadsheet_took_for_hours_are_refused(tmp_path: Path, ends: str) -> None:
+    text = f"subject,target,{ends}\ngirl,bird,0:00:00,0:12:00\ngirl,cup,0:12:00,0:58:00\n"  # typed as 0:12 and 0:58
+    with pytest.raises(VfoaError, match=r"times reach 0:58:00, .* 59.96 s; expected h:mm:ss"):
+        _read(tmp_path, text, MINUTE)
+    labels, _ = _read(tmp_path, f"subject,target,{ends}\ngirl,bird,0:00:00,0:12:30\n", MINUTE)
+    assert [row.label.target for row in labels.ranges] == ["bird"]
+
+
 def test_milliseconds_may_have_a_fraction(tmp_path: Path) -> None:
     text = "subject,target,start_ms,end_ms\ngirl,bird,0,1050.5\ngirl,cup,4000.25,59000\n"
     labels, _ = _read(tmp_path, text, MINUTE, gaps="none")
