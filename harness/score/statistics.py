@@ -104,14 +104,18 @@ def inferiority_p(differences: Float, frames: Float, margin: float) -> float:
     """
     shifted = differences + margin * frames
     steps = _FINEST / max(float(np.abs(shifted).sum()), 1e-12)
-    return _upper_tail(np.rint(shifted * steps)) if shifted.sum() > 0 else 1.0
+    # each unit is rounded by half a step at most: totals that were equal are at most a step for each unit apart
+    return _upper_tail(np.rint(shifted * steps), slack=len(shifted)) if shifted.sum() > 0 else 1.0
 
 
-def _upper_tail(differences: Codes | Float) -> float:
-    """The share of the assignments of signs with a total at least as large as the observed one, which is positive."""
+def _upper_tail(differences: Codes | Float, slack: int = 0) -> float:
+    """The share of the assignments of signs with a total at least as large as the observed one, which is positive.
+
+    Totals that are smaller by the ``slack`` or less count as equal.
+    """
     sizes = np.abs(np.rint(differences[differences != 0])).astype(np.int64)
     step = math.gcd(*sizes.tolist())
-    total = round(float(differences.sum())) // step
+    total = round(float(differences.sum()) - slack) // step
     chance = np.ones(1)  # distribution over the totals -k, -k + 2, ..., k, where k is the sum of the sizes so far
     for size in (sizes // step).tolist():
         wider = np.zeros(len(chance) + size)
@@ -119,7 +123,7 @@ def _upper_tail(differences: Codes | Float) -> float:
         wider[size:] += chance / 2
         chance = wider
     # place i is the total 2 i - k
-    return float(chance[(total + len(chance) - 1) // 2 :].sum())
+    return float(chance[(total + len(chance)) // 2 :].sum())
 
 
 def sign_flip_interval(differences: Float, frames: Float, alpha: float) -> tuple[float, float] | None:

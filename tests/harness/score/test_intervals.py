@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from itertools import product
@@ -184,6 +185,18 @@ def test_an_interval_holds_what_its_test_does_not_reject(differences: np.ndarray
             shifted = np.rint(100 * (differences - (end + beyond) * frames))
             if found[0] < found[1]:
                 assert sign_flip_p(shifted) < alpha
+
+
+@pytest.mark.parametrize("size", [20, 60, 300])
+def test_totals_that_are_equal_count_for_a_possible_drop(size: int) -> None:
+    """A margin of whole frames leaves many of them, which rounding must not tell apart."""
+    rng = np.random.default_rng(size)
+    frames, signs = np.full(7, float(size)), np.array([*itertools.product((-1, 1), repeat=7)])
+    for differences in np.rint(rng.normal(0, size / 20, (40, 7))):
+        shifted = differences + size // 20
+        if shifted.sum() > 0:
+            exact = float(np.mean(signs @ shifted >= shifted.sum()))
+            assert inferiority_p(differences, frames, 0.05) == pytest.approx(exact, abs=1e-9)
 
 
 def test_a_drop_is_ruled_out_by_units_that_agree() -> None:
