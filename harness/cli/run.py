@@ -292,7 +292,7 @@ def experiment_of(
 
 def _only_experiment() -> str:
     """The experiment of the working directory, if it has just one."""
-    here = sorted(Path("experiments").glob("*.toml"))
+    here = sorted(Path("experiments").glob("[!.]*.toml"))
     if len(here) != 1:
         present = ", ".join(path.stem for path in here) or "no experiment"
         raise VfoaError(f"run: found {present} in ./experiments; expected an experiment or clips: vfoa run demo")

@@ -145,8 +145,12 @@ def is_run_of_program(name: str) -> bool:
 
 
 def names(kind: Kind) -> dict[str, Path]:
-    """All files of this kind by name, sorted; if two folders have the same name, the one that :func:`find` returns."""
+    """All files of this kind by name, sorted; if two folders have the same name, the one that :func:`find` returns.
+
+    Hidden files, such as macOS's ``._talk.toml`` on shared disks, are left out.
+    """
     paths: dict[str, Path] = {}
     for folder in reversed(folders(kind)):
-        paths.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if is_file_or_link(path))
+        files = folder.glob(f"[!.]*{_SUFFIX[kind]}")
+        paths.update((path.stem, path) for path in files if is_file_or_link(path))
     return dict(sorted(paths.items()))
