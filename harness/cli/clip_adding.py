@@ -176,7 +176,9 @@ def _faces_experiment(
         keys: dict[Part, str] = {"heads": "detector", "head_pose": "model", "gaze": "model"}
         for part, key in keys.items():
             if part in parts or part == "heads":
-                read_part(table, program, part, clip.frames)  # for its errors
+                read = read_part(table, program, part, clip.frames)  # for its errors
+                if part == "heads" and (note := _note_on_end(read.cells["frame"], clip.frames)):
+                    say(f"note: {table}: {note}", err=True)
                 settings = {key: "files", "root": str(table.parent), "file": table.name}
                 settings |= {} if part == "heads" else {"heads": table.name}
                 cells = ", ".join(f"{name} = {toml_value(value)}" for name, value in settings.items())
@@ -190,6 +192,17 @@ def _faces_experiment(
         return {path: text}
 
     return experiment
+
+
+def _note_on_end(of_faces: Sequence[str], frames: Sequence[int]) -> str:
+    """A note on faces that end in the clip's first half: those of pictures at another rate are on the wrong frames."""
+    last = 1 + frames.index(max(map(int, of_faces), default=frames[0]))
+    if 2 * last >= len(frames):
+        return ""
+    return (
+        f"no face after frame {last} of the clip's {len(frames)}: its n-th frame is the clip's; expected the table of "
+        "all of them, not of pictures at a lower rate (fps=)"
+    )
 
 
 def _calibration(given: list[Path] | None, numbers: dict[str, float | None], fov_deg: float | None) -> dict[str, Any]:

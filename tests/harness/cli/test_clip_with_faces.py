@@ -100,6 +100,12 @@ def test_a_table_of_more_frames_or_another_program_adds_nothing(tmp_path: Path, 
     assert not list(Path.cwd().rglob("*.toml"))
 
 
+def test_a_table_of_few_frames_is_noted(tmp_path: Path, run: Run) -> None:
+    code, _, err = run(*pairs(tmp_path), "--openface", str(table(tmp_path, frames=1)))
+    assert code == 0
+    assert "faces.csv: no face after frame 1 of the clip's 3" in err
+
+
 def test_measurements_take_no_faces(tmp_path: Path, run: Run) -> None:
     code, _, err = run("clips", "add", str(measured_tables(tmp_path / "talk")), "--openface", str(table(tmp_path)))
     assert code == 2
