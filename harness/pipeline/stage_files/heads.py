@@ -126,6 +126,8 @@ LANDMARKS = tuple(
 COLUMNS = (*BOX, "score", *FACE, *LANDMARKS, "instance_id")
 
 
+_FEWEST_FACES = 5
+"""Faces of which one may be upside down, but not most."""
 MOST_OUTSIDE = 0.25
 """Most heads outside of the image, as a share: a tracker may follow one that leaves it."""
 
@@ -185,6 +187,15 @@ class HeadTable:
                 f"{path}: {', '.join(BOX)}: all are from 0 to 1; expected pixels of the left image: multiply by its "
                 "width and height"
             )
+        is_swapped = self._landmarks[:, 0] > self._landmarks[:, 2]
+        swapped, faces = np.count_nonzero(is_swapped), np.count_nonzero(~np.isnan(self._landmarks[:, 0]))
+        columns.refuse_first(
+            is_swapped & (2 * swapped > faces >= _FEWEST_FACES),
+            lambda row: (
+                f"right_eye_u_px: found the right eye to the right of the left one in {swapped} of {faces} faces; "
+                "expected the person's own right eye and corner of the mouth, on the image's left: exchange them"
+            ),
+        )
         columns.refuse_first(
             # the person's id need not be among the masks: a hidden person has no pixel there
             ~np.isnan(ids) & ((ids != np.floor(ids)) | (ids <= 0) | (ids >= 2**16)),

@@ -249,6 +249,22 @@ def test_heads_of_larger_pictures_or_of_two_views_are_refused(
             detector.detect(FRAME, NOBODY)
 
 
+@pytest.mark.parametrize("swapped", [0, 2, 3])
+def test_eyes_that_are_left_and_right_in_the_image_are_refused(swapped: int, tmp_path: Path) -> None:
+    eyes = np.array([[10.0, 12], [18, 12], [14, 16], [11, 20], [17, 20]])  # the person's own right one first
+    others = eyes[[1, 0, 2, 4, 3]]  # as MTCNN names them
+    rows = [
+        (70, f"p{number}", Head(box_px=LEFT, score=1.0, landmarks_px=others if number < swapped else eyes))
+        for number in range(5)
+    ]
+    write_heads(tmp_path / "heads.csv", rows)
+    if swapped < 3:
+        FileHeads(FileHeadsSettings(root=str(tmp_path)), AnyClip())  # type: ignore[arg-type]
+        return
+    with pytest.raises(VfoaError, match=r"heads\.csv:2: right_eye_u_px: .* 3 of 5 faces"):
+        FileHeads(FileHeadsSettings(root=str(tmp_path)), AnyClip())  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("text", "line"),
     [
