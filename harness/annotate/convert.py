@@ -209,7 +209,7 @@ def export_predictions(
         exchange = Exchange(
             timeline=Timeline(frames=of_run.frames, times_ns=times_ns, is_whole=False),  # a run may have a limit
             rate_hz=of_run.rate_hz,
-            subjects=predicted.labels.subjects,
+            subjects=of_run.subjects if of_run.names else predicted.labels.subjects,
             targets=of_run.targets,
             films=of_run.films,
             **options,

@@ -55,9 +55,10 @@ class AnnotationCsv:
         return exchange.labels(labels.ranges, path)
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-        """Write the canonical form; nothing is lost."""
-        write_annotations(path, labels)
-        return ()
+        """Write the canonical form, without people whom the manifest does not name."""
+        write_annotations(path, Labels(row for row in labels.ranges if row.subject in exchange.subjects))
+        others = [name for name in labels.subjects if name not in exchange.subjects]
+        return (f"labels of {', '.join(others)} are left out: no subject of the clip.",) if others else ()
 
 
 FORMATS = Registry(

@@ -53,8 +53,12 @@ def write_run(
     probabilistic: bool = True,
     films: dict[str, float] | None = None,
     times_ns: Sequence[int] = (),
+    passer_by: bool = False,
 ) -> Path:
     records = frames_of(girl)
+    if passer_by:
+        other = subject_record(None, totals={1: 0.75}, focus=1, track_id=2)
+        records = {frame: replace(each, subjects=(*each.subjects, other)) for frame, each in records.items()}
     names = {"subjects": {each: {} for each in SUBJECTS}, "targets": {each: {} for each in TARGETS}}
     times = [*times_ns] or [round(frame * 1e9 / RATE_HZ) for frame in records]
     clip = {"name": "clip", "names": names, "frames": list(records), "times_ns": times, "rate_hz": RATE_HZ}
@@ -120,6 +124,13 @@ def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:
     found = predicted_labels(read_clip_records(run, "clip", None), TARGETS)
     assert [(row.first_frame, row.label.target) for row in found.labels.ranges] == [(1, "bird"), (3, "cup")]
     assert found.notes == ("1 frame of girl without a prediction (nothing hit): no label.",)
+
+
+@pytest.mark.parametrize("name", ["elan", "csv"])
+def test_a_passer_by_without_a_name_does_not_prevent_the_import(name: str, tmp_path: Path) -> None:
+    ((written, _),) = export_predictions(write_run(tmp_path, ["cup"], passer_by=True), name)
+    imported = FORMATS.load(name)().read(written, exchange(PlainClip(frames=range(1, 2), rate_hz=RATE_HZ)))
+    assert [(row.subject, row.label.target) for row in imported.labels.ranges] == [("girl", "cup")]
 
 
 @pytest.mark.parametrize("name", ["elan", "csv"])
