@@ -208,7 +208,10 @@ class AnnotationFiles:
         return self.place().with_name(f"{self.clip}.drawn.csv")
 
     def _find(self, name: str) -> Path | None:
-        return next((folder / name for folder in self._folders if is_file_or_link(folder / name)), None)
+        found = next((folder / name for folder in self._folders if is_file_or_link(folder / name)), None)
+        if found is not None and found.parent == self._beside:
+            self._check_namesakes()
+        return found
 
     def expect(self, annotator: str | None) -> Path:
         """Return an annotator's file.
@@ -232,6 +235,7 @@ class AnnotationFiles:
         It is beside the manifest, or in the working directory for a clip that came with the program; never the file of
         another clip of this name.
         """
+        self._check_namesakes()
         return self._beside / f"{self._stem(annotator)}.csv"
 
     def present(self) -> tuple[Path, ...]:
@@ -256,15 +260,19 @@ class AnnotationFiles:
     def _beside(self) -> Path:
         if came_with_program(self.manifest):  # the working directory's own labels of such a clip come first
             return Path.cwd() / "annotations"
+        return self.manifest.resolve().parent.parent / "annotations"
+
+    def _check_namesakes(self) -> None:
+        """Raise a :class:`VfoaError` if the clip's files beside its manifest would be those of another clip, too."""
         manifest = self.manifest.resolve()
-        place = manifest.parent.parent / "annotations"
-        namesakes = (path for path in place.parent.glob(f"*/{manifest.name}") if path.resolve() != manifest)
-        if manifest.parent.name != "datasets" and (other := next(namesakes, None)):
+        if manifest.parent.name == "datasets" or came_with_program(self.manifest):
+            return
+        namesakes = manifest.parent.parent.glob(f"*/{manifest.name}")
+        if other := next((path for path in namesakes if path.resolve() != manifest), None):
             raise VfoaError(
-                f"{self.manifest}: its labels would be in {place / self.clip}.csv, as those of {other}; expected a "
-                "name of its own for each: rename one of the two, in the file, too"
+                f"{self.manifest}: its labels would be in {self._beside / self.clip}.csv, as those of {other}; "
+                "expected a name of its own for each: rename one of the two, in the file, too"
             )
-        return place
 
     @property
     def _folders(self) -> list[Path]:

@@ -115,6 +115,8 @@ def test_two_clips_of_one_name_in_two_folders_do_not_share_labels(manifest: Clip
         with pytest.raises(VfoaError, match="expected a name of its own"):
             clip.annotations.place("anna")
     assert _target(manifest, None) == "bird"
+    manifest.annotations.expect(None).unlink()
+    assert one.annotations.find() is None
 
 
 def test_labels_that_came_with_the_program_are_not_those_of_another_clip_of_the_name(
