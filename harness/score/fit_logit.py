@@ -26,7 +26,6 @@ from harness.run.fitted import FitRecord, FittedWeights, MethodScore
 from harness.run.grid import base_of
 from harness.run.table_columns import TableFiles, look_columns, scene_columns
 from harness.score.baselines import best_limit_rad
-from harness.score.calibration import reliability
 from harness.score.labelled_run import (
     LabelledPair,
     LabelledPerson,
@@ -41,7 +40,7 @@ from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, default_weights, target_probabilities
 from vfoa.logit_cues import ROWS, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
-from vfoa.scoring import log_loss
+from vfoa.scoring import calibration_error, log_loss
 from vfoa.types import Flags, Float
 
 BLOCK_S = 10.0
@@ -230,8 +229,8 @@ def score(name: str, outcomes: Float, on_target: Flags) -> MethodScore:
     loss = calibration = None
     if np.isfinite(of_true).all() and len(of_true):
         loss = round(log_loss(of_true), 4)
-        frames = np.column_stack([confidence, right, np.zeros(len(right))])
-        calibration = round(reliability(name, frames).calibration_error, 4)
+        given = np.isfinite(confidence)  # not where another system has no answer
+        calibration = round(calibration_error(confidence[given], right[given]), 4) if given.any() else None
     return MethodScore(
         method=name,
         n=len(right),

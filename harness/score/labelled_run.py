@@ -440,6 +440,5 @@ def _answers(run: FinishedRun, reference: Reference) -> Mapping[str, Answers]:
 def _scored_answers(judged: SubjectVerdicts) -> Iterator[tuple[int, ScoredAnswer]]:
     """Yield the scored frames of a subject."""
     scored = judged.where(judged.is_scored)
-    columns = scored.frames, ~scored.is_wrong, *scored.worth[:, :2].T
-    for frame, is_right, confidence, on_truth in zip(*(column.tolist() for column in columns), strict=True):
-        yield frame, (is_right, confidence, on_truth if confidence >= 0 else math.nan)
+    outcomes = zip(*(column.tolist() for column in (~scored.is_wrong, *scored.worth[:, :2].T)), strict=True)
+    yield from zip(scored.frames.tolist(), outcomes, strict=True)

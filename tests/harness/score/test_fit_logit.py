@@ -28,6 +28,7 @@ from harness.run.notes import NoteKind
 from harness.run.plan import Fit
 from harness.run.runner import executor, prepare, run_plan
 from harness.run.table_scenes import SceneFrame
+from harness.score.finished_run import read_scores
 from harness.score.fit_logit import fit_logit, folds_of
 from harness.score.labelled_run import (
     FoundFeatures,
@@ -147,6 +148,23 @@ def test_the_commonest_answer_is_the_label_that_the_others_have_most(
     expected = -sum(count * math.log(chances[name]) for name, count in frames.items()) / 30
     assert commonest.log_loss == pytest.approx(expected, abs=1e-3)
     assert commonest.calibration_error == pytest.approx(abs(0.5 - chances["cup"]), abs=1e-3)
+
+
+def test_a_system_that_leaves_frames_out_has_the_log_loss_that_it_has_in_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one", "two"), 30)
+    with Path("talk.toml").open("a", encoding="utf-8") as file:
+        file.write('[[configuration]]\nname = "theirs"\nattention.method = "answers"\nattention.file = "theirs.csv"\n')
+    answers = (f"{frame},{name},robot,0.6" for frame in range(1, 31) if frame % 5 for name in ("anna", "ben"))
+    write_text(Path("theirs.csv"), "\n".join(["frame,subject,target,p_robot", *answers, ""]))
+    directory = _plain_run(tmp_path)
+    (expected,) = (row for row in read_scores(directory).overall() if row.configuration == "theirs")
+    (found,) = (each for each in fit_logit(read_labelled(directory)).fit.held_out if each.method == "theirs")
+    assert (found.n, found.frr) == (expected.n, pytest.approx(expected.frr, abs=1e-4))
+    assert found.log_loss == pytest.approx(expected.metrics["log_loss"], abs=1e-4)
+    assert found.calibration_error == pytest.approx(0.1, abs=1e-4)  # robot in half of the frames
 
 
 def test_a_file_that_could_be_no_preset_is_refused_before_anything_is_run(
