@@ -16,7 +16,7 @@ of areas of interest is made such a table first (:mod:`harness.labels.formats.ey
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -28,6 +28,7 @@ from harness.labels.formats.exchange import (
     Imported,
     ReadOnly,
     Span,
+    file_name,
     from_spans,
     in_ms,
     rounded_ms,
@@ -190,33 +191,49 @@ def even_rows(path: Path) -> Sequence[Row]:
     return rows
 
 
-_RECORDING = ("recording_name", "recording_id")
+_RECORDING = (
+    *("recording_name", "recording_id", "video", "video_name", "video_file", "video_id", "film", "movie"),
+    *("clip", "clip_name", "media_file", "observation", "observation_id"),
+    *("coder", "coder_id", "annotator", "annotator_id", "rater"),
+)
+"""Columns that say of which recording a row is, or whose coding: rows of several are not of one clip."""
 
 
 def _of_recording(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[Row]:
-    """The rows of the recording that is ``exchange.observation``; without it, all rows.
+    """The rows of the recording, or coder, that is ``exchange.observation``, or of the clip's film; else all rows.
 
     Raises
     ------
     VfoaError
-        If there is no such recording, or somebody has several, whose times are not of one clock.
+        If there is no such recording, or somebody has several, whose times are not of one clip.
     """
-    (line, header), *lines = rows
-    plain = [plain_name(name) for name in header]
-    place = next((plain.index(name) for name in _RECORDING if name in plain), None)
-    named = [] if place is None else [(cells[place], cells) for _, cells in lines if not is_missing(cells[place])]
-    recordings = dict.fromkeys(name for name, _ in named)
+    line, header = rows[0]
+    places = [at for at, name in enumerate(header) if plain_name(name) in _RECORDING]
     if exchange.observation is not None:
-        check_known(exchange.observation, recordings, f"{path}: --observation: no recording")
-        return [rows[0], *(row for row in lines if place is not None and row[1][place] == exchange.observation)]
+        known = {cells[place]: place for place in places for _, cells in rows[1:] if not is_missing(cells[place])}
+        check_known(exchange.observation, known, f"{path}: --observation: no recording")
+        rows = _rows_of(rows, known[exchange.observation], [exchange.observation])
     subject = next((at for at, column in enumerate(_meant(header)) if column == "subject"), None)
-    pairs = {("" if subject is None else cells[subject], name) for name, cells in named}
-    if len(pairs) > len({person for person, _ in pairs}):
-        raise VfoaError(
-            f"{path}:{line}: found the recordings {listed([*map(repr, recordings)], 8)}, several of one person; "
-            "expected --observation NAME, the one of the clip"
-        )
+    for place in places:
+        named = dict.fromkeys(cells[place] for _, cells in rows[1:] if not is_missing(cells[place]))
+        if of_films := [name for name in named if file_name(name) in exchange.films]:
+            rows = _rows_of(rows, place, of_films)
+        pairs = {
+            ("" if subject is None else cells[subject], cells[place])
+            for _, cells in rows[1:]
+            if not is_missing(cells[place])
+        }
+        if len(pairs) > len({person for person, _ in pairs}):
+            raise VfoaError(
+                f"{path}:{line}: {header[place]}: found {listed([*map(repr, named)], 8)}, several of one person; "
+                "expected --observation NAME, the one of the clip, or no such column"
+            )
     return rows
+
+
+def _rows_of(rows: Sequence[Row], place: int, names: Collection[str]) -> list[Row]:
+    """The header, and the rows that have one of these names at a place."""
+    return [rows[0], *(row for row in rows[1:] if row[1][place] in names)]
 
 
 def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:

@@ -366,13 +366,24 @@ def test_of_several_recordings_of_a_person_one_is_chosen(tmp_path: Path) -> None
     """Each has times from 0; two people may have one each."""
     header = "Recording timestamp [ms]\tParticipant name\tRecording name\tAOI hit [S - bird]\tAOI hit [S - cup]\n"
     rows = [f"{at}\tgirl\t{name}\t{hits}\n" for name, hits in (("R1", "1\t0"), ("R2", "0\t1")) for at in (0, 110, 210)]
-    with pytest.raises(VfoaError, match=r"mine\.csv:1: found the recordings 'R1', 'R2'.*--observation"):
+    with pytest.raises(VfoaError, match=r"mine\.csv:1: Recording name: found 'R1', 'R2'.*--observation"):
         _read(tmp_path, header + "".join(rows))
     assert _read(tmp_path, header + "".join(rows), observation="R2")[0] == Labels([row(1, 3, "cup")])
     with pytest.raises(VfoaError, match=r"--observation: no recording 'R3'"):
         _read(tmp_path, header + "".join(rows), observation="R3")
     two = header + "".join([*rows[:3], *(row.replace("girl", "boy") for row in rows[3:]), "0\tgirl\t\t\t\n"])
     assert _read(tmp_path, two)[0] == Labels([row(1, 3, "bird"), row(1, 3, "cup", "boy")])
+
+
+@pytest.mark.parametrize("column", ["video", "Coder"])
+def test_rows_of_other_videos_and_coders_are_not_the_clips(tmp_path: Path, column: str) -> None:
+    text = f"{column},who,what,start,end\na.mp4,girl,bird,0,0.2\nb.mp4,girl,cup,0.3,0.5\n"
+    with pytest.raises(VfoaError, match=rf"mine\.csv:1: {column}: found 'a\.mp4', 'b\.mp4', .*--observation"):
+        _read(tmp_path, text)
+    assert _read(tmp_path, text, observation="b.mp4")[0] == Labels([row(4, 5, "cup")])
+    assert _read(tmp_path, text, films={"a.mp4": 0.0})[0] == Labels([row(1, 2, "bird")])
+    several = text.replace("b.mp4,girl", "b.mp4,boy")
+    assert len(_read(tmp_path, several)[0].ranges) == 2  # each person has one
 
 
 MINUTE = PlainClip(frames=range(1, 1501))
