@@ -30,6 +30,8 @@ from harness.labels.rows import (
     TIME_COLUMNS,
     WORD_COLUMNS,
     RowReader,
+    Translation,
+    as_they_are,
     check_sequence,
     check_text,
 )
@@ -49,6 +51,7 @@ def read_annotations(
     targets: Iterable[str],
     former: Mapping[str, str] | None = None,
     allow_gaps: bool = False,
+    translate: Translation = as_they_are,
 ) -> Labels:
     """Read a clip's annotations.
 
@@ -66,6 +69,8 @@ def read_annotations(
         The present names of renamed targets by earlier name, for messages.
     allow_gaps
         Accept unfinished labelling: frames without a label between two labels of a subject.
+    translate
+        Gives the manifest's names of a row's subject and target; None leaves the row out.
 
     Raises
     ------
@@ -79,7 +84,7 @@ def read_annotations(
     if header is None:
         raise VfoaError(f"{path}:2: no header; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)}")
     _check_header(header, f"{path}:{line}")
-    reader = RowReader(header, timeline, set(subjects), targets, former or {})
+    reader = RowReader(header, timeline, set(subjects), targets, former or {}, translate)
     if reader.in_time and not (timeline and timeline.times_ns):
         raise VfoaError(f"{path}:{line}: ranges of time need the clip's frame times, which are not known")
     places = ((f"{path}:{line}", cells) for line, cells in lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from harness.files.dialects import check_width
 from harness.files.tables import whole_number
@@ -33,8 +33,17 @@ _CONTROL = re.compile(r"[\x00-\x1f\ufffe\uffff]")
 """Characters that would end a row, or that no XML has, so that ELAN could not read them."""
 
 
+Translation = Callable[[str, str], tuple[str, str] | None]
+"""Gives the manifest's names of a row's subject and target; None leaves the row out."""
+
+
+def as_they_are(subject: str, target: str) -> tuple[str, str]:
+    """The translation of a file with the manifest's names."""
+    return subject, target
+
+
 class RowReader:
-    """Reads the rows below one header; names are the manifest's."""
+    """Reads the rows below one header; names are the manifest's, once they are translated."""
 
     def __init__(
         self,
@@ -43,7 +52,9 @@ class RowReader:
         subjects: set[str],
         targets: Iterable[str],
         former: Mapping[str, str],
+        translate: Translation,
     ) -> None:
+        self._translate = translate
         self.in_time = TIME_COLUMNS[0] in columns
         self._columns = columns
         self._with_points, self._with_states = POINT_COLUMNS[0] in columns, STATE_COLUMN in columns
@@ -54,7 +65,9 @@ class RowReader:
         self._former = former
 
     def read(self, cells: list[str], where: str) -> LabelRange | None:
-        """Parse the row at a place (for messages); None for a range of time in which a partly known clip has no frame.
+        """Parse the row at a place (for messages).
+
+        None for one that is left out, and for a range of time in which a partly known clip has no frame.
 
         Raises
         ------
@@ -62,6 +75,9 @@ class RowReader:
             For the first wrong cell.
         """
         check_width(cells, self._columns, where)
+        if (names := self._translate(*cells[2:4])) is None:
+            return None
+        cells = [*cells[:2], *names, *cells[4:]]
         ends = self._times(cells, where) if self.in_time else self._frames(cells, where)
         label = self._label(cells, where)
         if ends is None:

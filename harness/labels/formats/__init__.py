@@ -41,7 +41,7 @@ class AnnotationCsv:
     """Reads and writes the CSV of ``annotations/README.md``, of labels of any origin."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read a file with the manifest's own names."""
+        """Read a file with the manifest's own names, or those that are renamed to them."""
         if not read_text(path).startswith(VERSION_LINE.rpartition(" ")[0]):
             raise VfoaError(f"{path}:1: expected {VERSION_LINE!r}; for a table of your own, add --format table")
         labels = read_annotations(
@@ -51,6 +51,7 @@ class AnnotationCsv:
             targets=exchange.targets,
             former=exchange.former,
             allow_gaps=True,
+            translate=exchange.names_of_row,
         )
         return exchange.labels(labels.ranges, path)
 

@@ -296,6 +296,13 @@ class Exchange:
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
         return ours
 
+    def names_of_row(self, subject: str, target: str) -> tuple[str, str] | None:
+        """Our names for those of a label, known or not; None if it is left out."""
+        if self.names.leaves_out(subject, target):
+            return None
+        ours = self.names.translate(subject)
+        return ours, self.names.translate(target, ours)
+
     def looks_of(self, *spellings: str) -> tuple[str, str] | None:
         """Subject and target of looks with a name of their own, ``SUBJECT:TARGET`` by ours; None of any other name.
 

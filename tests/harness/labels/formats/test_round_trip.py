@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from harness.labels.formats import FORMATS, SUFFIXES
 from harness.labels.labels import Labels
-from tests.exchanges import FRAMES, PlainClip, exchange, labels_of
+from tests.exchanges import FRAMES, PlainClip, exchange, labels_of, row
 
 
 def _again(name: str, path: Path, labels: Labels, **how: object) -> Labels:
@@ -46,3 +46,13 @@ def test_formats_of_times(
     clip = PlainClip(frames=frames, rate_hz=rate, start_ns=start_ns)
     labels = data.draw(labels_of(frames, notes=True, points=True, tags=True, suggested=True))
     assert _again(name, tmp_path / f"labels{SUFFIXES[name]}", labels, clip=clip, fps=fps, offset=offset) == labels
+
+
+@pytest.mark.parametrize("name", SUFFIXES)
+def test_names_are_exchanged_and_left_out_in_every_format(name: str, tmp_path: Path) -> None:
+    chosen, path = FORMATS.load(name)(), tmp_path / f"labels{SUFFIXES[name]}"
+    chosen.write(path, Labels([row(1, 1, "cup"), row(1, 1, "bird", "boy"), row(2, 2, "none", "boy")]), exchange())
+    renamed = {"girl": "boy", "boy": "girl", "cup": "bird", "bird": "cup", "none": ""}
+    imported = chosen.read(path, exchange(renamed=renamed))
+    assert imported.labels == Labels([row(1, 1, "cup"), row(1, 1, "bird", "boy")])
+    assert [note.partition(": ")[2] for note in imported.notes] == ["left out: 1 label of 'none' (--rename)."]
