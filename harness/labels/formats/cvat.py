@@ -27,7 +27,7 @@ from harness.files.parsing import parse_xml
 from harness.labels.drawn_shapes import Place
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
 from harness.labels.formats.shapes import Shape, ShapeFile, ShapeTrack, imported, tracks_of, turned_box
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, listed
 
 LEFT_OUT = ("skeleton", "cuboid", "tag")
 """What has no box of its own."""
@@ -47,7 +47,8 @@ def _read(path: Path) -> ShapeFile:
     Raises
     ------
     VfoaError
-        If it is no such file, or a shape's number is missing or is none: file, track or image, found, expected.
+        If it is no such file, or of several tasks, or a shape's number is missing or is none: file, track or image,
+        found, expected.
     """
     data = read_bytes(path)
     if data.startswith(b"PK"):
@@ -57,6 +58,12 @@ def _read(path: Path) -> ShapeFile:
         raise VfoaError(
             f"{path}: found <{root.tag}>; expected <annotations> with <meta>, as CVAT exports it "
             "(CVAT for video 1.1, CVAT for images 1.1)"
+        )
+    tasks = [task.findtext("name", "?") for task in root.iterfind("meta/project/tasks/task")]
+    if len(tasks) > 1:  # whose frames CVAT counts through
+        raise VfoaError(
+            f"{path}: an export of a project with the tasks {listed(tasks, 8)}; expected that of one task (Export task "
+            "dataset), the clip's"
         )
     images = [_text(image, "name", str(path)) for image in root.iter("image")]
     if twice := [name for name, count in Counter(images).items() if count > 1]:
@@ -170,8 +177,8 @@ def _size(root: Element, path: Path) -> tuple[int, int] | None:
     where = str(path)
     sizes = {(int(_parsed(w, "width", where)), int(_parsed(h, "height", where))) for w, h in dict.fromkeys(sides)}
     if len(sizes) > 1:
-        listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise VfoaError(f"{path}: found images of the sizes {listed}; expected those of one clip")
+        found = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
+        raise VfoaError(f"{path}: found images of the sizes {found}; expected those of one clip")
     return next(iter(sizes), None)
 
 

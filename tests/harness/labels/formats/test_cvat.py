@@ -344,6 +344,19 @@ def test_a_wrong_file_is_named_with_its_place(tmp_path: Path, elements: list[str
     assert [word for word in words if word not in str(error.value)] == []
 
 
+@pytest.mark.parametrize("tasks", [("talk", "dinner"), ("talk",)])
+def test_a_project_of_several_films_is_refused(tmp_path: Path, tasks: Sequence[str]) -> None:
+    listed = "".join(f"<task><id>{10 + n}</id><name>{name}</name></task>" for n, name in enumerate(tasks))
+    track = cvat_track("bird", cvat_box(0, (0, 0, 9, 9))).replace("<track ", '<track task_id="10" ')
+    document = cvat_document(track).replace("<job><size>50</size></job>", f"<project><tasks>{listed}</tasks></project>")
+    path = write_text(tmp_path / "annotations.xml", document)
+    if len(tasks) == 1:
+        assert Cvat().read(path, exchange(PlainClip(frames=WHOLE))).drawn.names == ("bird",)
+        return
+    with pytest.raises(VfoaError, match=r"annotations\.xml: .* the tasks talk, dinner; expected .* one task"):
+        Cvat().read(path, exchange(PlainClip(frames=WHOLE)))
+
+
 @pytest.mark.parametrize("content", [b"PK\x03\x04", b"<annotation><folder/></annotation>", b"{}", b""])
 def test_another_file_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "annotations.xml"
