@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -301,7 +301,33 @@ def _configurations(
             for key, needed in _idle(made).items()
             if key in given
         ),
+        *([] if preset else _replaced_notes(layers, changes)),
     ]
+
+
+def _replaced_notes(layers: Sequence[_Layers], changes: Sequence[_Change]) -> Iterator[Note]:
+    """Yield a note on the defaults of the file that would count, if its own preset did not replace them."""
+    alone = _counting([replace(each, bundle={}) for each in layers], changes)
+    counting = _counting(layers, changes)
+    if keys := [key for key in alone if key not in counting]:
+        presets = " or ".join(dict.fromkeys(repr(each.preset) for each in layers))
+        yield Note(
+            f"The preset {presets} replaces {', '.join(keys)} of [defaults]; settings of [grid] and [[configuration]] "
+            "come after it.",
+            NoteKind.PARTLY_SET,
+        )
+
+
+def _counting(layers: Iterable[_Layers], changes: Sequence[_Change]) -> dict[str, None]:
+    """The defaults that some configuration has, by dotted key."""
+    pairs = ((each, each.tables(changes)) for each in layers)
+    return {
+        f"{table}.{key}": None
+        for each, tables in pairs
+        for table, settings in each.defaults.items()
+        for key, value in settings.items()
+        if key in tables[table] and tables[table][key] == value
+    }
 
 
 def _idle(configurations: Iterable[Configuration]) -> dict[str, str]:

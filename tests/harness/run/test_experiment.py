@@ -291,6 +291,24 @@ def test_a_preset_stands_between_the_defaults_and_what_a_configuration_says(tmp_
     }
 
 
+def test_defaults_that_the_preset_of_the_file_replaces_are_named(tmp_path: Path) -> None:
+    """Rates would be those of other gazes than the file asks for."""
+
+    def said(text: str, **given: str) -> list[str]:
+        notes = load_experiment(_write(tmp_path, text), **given).notes
+        return [note.text for note in notes if note.kind == NoteKind.PARTLY_SET]
+
+    measured = 'preset = "measured"\nclips = ["any"]\n'
+    gaze = '[defaults.gaze]\nmodel = "simulated"\nerror_deg = 11\n'
+    (note,) = said(measured + gaze)
+    assert "gaze.model, gaze.error_deg" in note
+    assert "'measured'" in note
+    assert said(measured + "[grid]\ngaze = { one = { model = 'simulated', error_deg = 11 } }\n") == []
+    points = f"{HEAD}[defaults.reconstruction]\nmax_points = 500\n"
+    assert said(f"{points}[grid]\npreset = ['none', 'realtime']\n") == []
+    assert said(f"clips = ['any']\n{gaze}", preset="measured") == []  # asked for over the file
+
+
 def test_a_preset_may_be_an_axis_or_asked_for_from_outside(tmp_path: Path) -> None:
     grid = _write(tmp_path, HEAD + '[grid]\npreset = ["none", "realtime"]\n')
     resolutions = {
