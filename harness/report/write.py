@@ -133,6 +133,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     """
     with collected_later():
         run = FinishedRun.read(directory).with_labels_of(annotator)
+        labels = run.present_labels()  # before they are read: those that change meanwhile are not scored
         reference = run.reference(compare_content=True)
         found = scored(run.columns(), reference)
         scores = write_scores(directory, found, run.manifest, stage_times(directory))
@@ -141,7 +142,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
 
             write_verdict_layers(directory, reference.labels, reference.names_now)
-        run.note_labels()
+        run.note_labels(labels)
     return scores
 
 

@@ -217,10 +217,14 @@ class FinishedRun:
                     found.append(clip.name)
         return found
 
-    def note_labels(self) -> None:
+    def present_labels(self) -> dict[str, str | None]:
+        """The digest of the present labels of each clip; None without any."""
+        annotator = self.manifest.scored_annotator
+        return {name: clip.annotations.digest(annotator) for name, clip in self._manifests().items()}
+
+    def note_labels(self, now: dict[str, str | None]) -> None:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""
-        annotator, before = self.manifest.scored_annotator, self.manifest.labels_sha256
-        now = {name: clip.annotations.digest(annotator) for name, clip in self._manifests().items()}
+        before = self.manifest.labels_sha256
         of_run = self.manifest.run_labels_sha256
         if now != before:
             labels = {"labels_sha256": now, "run_labels_sha256": before if of_run is None else of_run}

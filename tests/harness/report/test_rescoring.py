@@ -13,12 +13,13 @@ from typing import Any
 import pytest
 
 from harness.cli.terminal import say_relabelled
+from harness.report import write
 from harness.report.write import rescore
 from harness.run import table_columns, table_files
 from harness.run.directory import RunDirectory
 from harness.run.manifest import RunManifest
 from harness.run.records import FrameRecord
-from harness.score.finished_run import read_scores
+from harness.score.finished_run import FinishedRun, read_scores
 from tests import large_run
 from tests.records import write_manifest, write_run
 from vfoa.types import DirectionFit
@@ -107,6 +108,22 @@ def test_labels_that_changed_after_the_recordings_got_their_verdicts_are_said(
     assert said() == ""  # the run was copied to a machine without its clip
 
 
+def test_a_label_that_changes_while_a_run_is_scored_is_not_taken_for_scored(
+    run: RunDirectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def label_meanwhile(*args: Any) -> Any:
+        large_run.write_labels(tmp_path, FRAMES, 2, 1)
+        return write_before(*args)
+
+    write_before = write.write_scores
+    monkeypatch.setattr(write, "write_scores", label_meanwhile)
+    rescore(run)
+    assert FinishedRun.read(run).relabelled() == ["large"]
+    monkeypatch.undo()
+    rescore(run)
+    assert FinishedRun.read(run).relabelled() == []
+
+
 def test_scoring_reads_the_manifest_and_every_table_once(run: RunDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
     manifests, read = list[RunDirectory](), Counter[tuple[str, ...]]()
 
@@ -147,7 +164,7 @@ def test_scores_are_read_without_pandas(run: RunDirectory) -> None:
     """Arrow imports it to convert an array, in more time than a small run is scored in."""
     code = (
         "import sys; from pathlib import Path; from harness.run.directory import RunDirectory\n"
-        "from harness.score.finished_run import read_scores\n"
+        "from harness.score.finished_run import FinishedRun, read_scores\n"
         f"print(len(read_scores(RunDirectory(Path({str(run.path)!r}))).judged_subjects)); print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
