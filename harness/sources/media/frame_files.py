@@ -125,11 +125,11 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
         raise VfoaError(f"{where}: {twice[0]!r} occurs twice; expected one image of each name")
     if len(names) == 1:
         return _unique([(int((runs[names[0]] or [0])[-1]), names[0])], where)
-    first = names[0]
-    if odd := [name for name in names if len(runs[name]) != len(runs[first]) or not runs[name]]:
+    first, words = names[0], {name: DIGITS.sub("0", os.path.splitext(name)[0]).casefold() for name in names}
+    if odd := [name for name in names if words[name] != words[first] or not runs[name]]:
         raise VfoaError(
             f"{where}: {first!r} and {odd[0]!r} do not share one numbering; "
-            "expected names that differ in a frame number, or a pattern with %d for it"
+            "expected the images of one clip, whose names differ in a frame number, or a pattern with %d for it"
         )
     columns = list(zip(*runs.values(), strict=True))
     varying = {place: column for place, column in enumerate(columns) if len(set(map(int, column))) > 1}

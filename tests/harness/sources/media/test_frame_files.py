@@ -59,6 +59,9 @@ def test_two_numbers_that_differ_are_ambiguous() -> None:
 @pytest.mark.parametrize("names", [["a.png", "b.png"], ["f1.png", "f.png"], ["f1.png", "f1_2.png"]])
 def test_names_without_a_shared_numbering_are_refused(names: list[str]) -> None:
     with pytest.raises(VfoaError, match="do not share one numbering"):
+        number_names(["talk/000005.png", "dinner/000006.png"], "mine.json")  # of another film
+    assert number_names(["IMG_5.JPG", "img_6.png"], "left") == {5: "IMG_5.JPG", 6: "img_6.png"}
+    with pytest.raises(VfoaError, match="do not share one numbering"):
         number_names(names, "left")
 
 
