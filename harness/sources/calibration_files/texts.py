@@ -148,11 +148,16 @@ def is_matrix(text: str, size: ImageSize) -> bool:
 
 
 def bare_numbers(text: str, size: ImageSize) -> list[float]:
-    """The numbers of a bare text, NaN for what is none; fx, fy, cx and cy of a first line as nine by rows."""
+    """The numbers of a bare text, NaN for what is none; fx, fy, cx and cy of a first line as nine by rows.
+
+    So is a matrix of 4 x 4 numbers whose last row and column are 0, 0, 0, 1, as ScanNet has it.
+    """
     values = [value for line in _bare_lines(text) for value in floats(_BASELINE.sub("", line)) or [math.nan]]
     if _are_of_a_camera(_first_numbers(text), size):
         fx, fy, cx, cy = values[:4]
         return [fx, 0, cx, 0, fy, cy, 0, 0, 1, *values[4:]]
+    if len(values) == 16 and values[3::4] == values[12:] == [0, 0, 0, 1]:
+        return [*values[:3], *values[4:7], *values[8:11]]
     return values
 
 

@@ -99,6 +99,7 @@ FILES = {
     "opencv.json": json.dumps(LISTS),
     "ost.ini": ROS_INI,
     "K.txt": "600 0 320\n0 610 240\n0 0 1\n",
+    "intrinsic_color.txt": "600 0 320 0\n0 610 240 0\n0 0 1 0\n0 0 0 1\n",
     "intrinsics.txt": "# by rows\n600, 0, 320, 0, 610, 240, 0, 0, 1\n",
 }
 
