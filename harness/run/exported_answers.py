@@ -52,8 +52,9 @@ def export_answers(run: Path, configuration: str | None, *, folder: Path | None,
 def answer_table(records: ClipRecords) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
     """The header and the rows of a clip's answers: one row for each named person in each frame.
 
-    A person without an answer has a blank target. Where several targets share a name, ``instance_id`` says which one
-    has the focus, and the probability of the name is that of all of them.
+    A person without an answer has a blank target, and one for whom nothing was hit no probabilities. Where several
+    targets share a name, ``instance_id`` says which one has the focus, and the probability of the name is that of all
+    of them.
     """
     frames = [record for _, record in sorted(records.by_frame.items())]
     names = dict.fromkeys(target.name for record in frames for target in record.targets)
@@ -68,7 +69,7 @@ def answer_table(records: ClipRecords) -> tuple[tuple[str, ...], list[tuple[obje
         for name, person in people.items():
             target, instance_id = _focus(record, person, nothing=NOWHERE if records.says_nowhere else NO_HIT)
             chances = dict[str, float]()
-            if target is not None:
+            if target not in (None, NO_HIT):
                 # zeros where nothing else is there: a blank row would say that no probability is known
                 chances = _chances(record, person) or dict.fromkeys(with_chances, 0.0)
             rows.append((record.frame, name, target, instance_id, *(chances.get(other) for other in with_chances)))

@@ -343,7 +343,7 @@ def _leave_anna_alone(tables: Path, frame: int) -> None:
 def test_what_is_exported_and_read_again_has_the_same_scores(talk: Path) -> None:
     """A posterior with its probabilities, a rule that can say "nowhere", and cones, which cannot: they hit nothing.
 
-    In the last frame Anna is alone.
+    In the last frame Anna is alone. Another system gives probabilities, but for frames in which it hits nothing.
     """
     _leave_anna_alone(talk / "data" / "talk", frame=12)
     write_text(talk / "annotations" / "talk.csv", true_labels().replace("7,12,ben,robot", "7,12,ben,none"))
@@ -353,7 +353,10 @@ def test_what_is_exported_and_read_again_has_the_same_scores(talk: Path) -> None
         "attention.n_rays": 1,
         "attention.axis_ray": False,
     }
-    methods = {"forward": {"attention.method": "bayes"}, "near": _nearest(5), "hollow": cone}
+    _answer(
+        (f"{at},anna,{'robot,0.7' if at % 2 else 'no_hit,'}" for at in range(1, 12)), "frame,subject,target,p_robot"
+    )
+    methods = {"forward": {"attention.method": "bayes"}, "near": _nearest(5), "hollow": cone, "theirs": THEIRS}
     write_text(talk / "talk.toml", _experiment(**methods))
     first, scores = _run(talk)
     for name in methods:
