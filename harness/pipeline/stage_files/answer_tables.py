@@ -48,6 +48,8 @@ NO_HIT = NoAttention.NO_HIT.value
 CHANCE = "p_"
 """How the name of a column of probabilities begins."""
 
+_MANY_POINTS = 20
+"""Points that are not all in one corner of the image."""
 _IN_IMAGE = {"": False, "1": False, "true": False, "1.0": False, "0": True, "false": True, "0.0": True}
 """Cells of ``in_image``, and whether they say that the point is outside."""
 _TOLERANCE = 1e-3
@@ -75,10 +77,14 @@ class Answer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
-    """The answers of a table by frame and subject; whether it has probabilities, and whether it has points."""
+    """The answers of a table by frame and subject; whether it has probabilities, and whether it has points.
+
+    ``most_px`` is the greatest coordinate of its points, of many.
+    """
 
     probabilistic: bool
     has_points: bool
+    most_px: float | None
     by_frame: Mapping[int, Mapping[str, Answer]]
 
 
@@ -116,7 +122,13 @@ def read_answers(
     for row, (frame, subject) in enumerate(keys):
         if (answer := table.answer(row, subject)) is not None:
             by_frame.setdefault(frame, {})[subject] = answer
-    return Answers(probabilistic=bool(table.chances), has_points=table.has_points, by_frame=by_frame)
+    points = [answer.point_px for people in by_frame.values() for answer in people.values() if answer.point_px]
+    return Answers(
+        probabilistic=bool(table.chances),
+        has_points=table.has_points,
+        most_px=max(map(max, points)) if len(points) >= _MANY_POINTS else None,
+        by_frame=by_frame,
+    )
 
 
 def _read(path: Path) -> TableColumns:

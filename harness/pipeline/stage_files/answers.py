@@ -42,6 +42,8 @@ from vfoa.types import (
 
 _FIRST_TRACK = 1_000_000
 """Tracks of people whom no detector found are numbered from here."""
+_HEATMAP_PX, _MOST_CELL_PX = 64, 4
+"""Side of the heatmap of networks that follow gazes, and the least size of its cells, in pixels, that is noticed."""
 _LAST_ID = 65535
 """Instances that no segmenter found are numbered from here, downwards."""
 
@@ -111,6 +113,8 @@ class FileAnswers:
         And what is at the points of the image that it says: ``masks`` (H, W) has the instance of each pixel.
         """
         answers = self._answers.by_frame.get(scene.index, {})
+        if masks is not None:
+            self._check_pixels(masks.shape[1])
         known = {*names.targets.values()}
         wanted = dict.fromkeys(name for answer in answers.values() for name in answer.names)
         unseen = [subject for subject in answers if subject not in names.subjects.values()]
@@ -137,6 +141,15 @@ class FileAnswers:
                 subjects={**names.subjects, **{track: name for name, track in tracks.items()}}, targets=of_targets
             ),
         )
+
+    def _check_pixels(self, width_px: int) -> None:
+        """Reject points that are places in a network's heatmap, all in a corner of an image of this width."""
+        most_px = self._answers.most_px
+        if most_px is not None and most_px < _HEATMAP_PX <= width_px / _MOST_CELL_PX:
+            raise VfoaError(
+                f"{self._path}: u_px, v_px: found at most {most_px:g}, of an image {width_px} wide; expected its "
+                f"pixels: multiply places in a heatmap of {_HEATMAP_PX} x {_HEATMAP_PX} by the image's size over that"
+            )
 
     def _target(self, number: int, name: str) -> Target:
         label = name.partition("#")[0] if is_automatic(name) else self._rules[name].category

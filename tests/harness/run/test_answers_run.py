@@ -332,6 +332,12 @@ def test_shares_of_the_image_are_no_pixels(tmp_path: Path, masks: Clip) -> None:
         _run_points(tmp_path, [f"{first},anna,0.5,0.25,1", f"{second},anna,0.5,0.3,1"])
 
 
+def test_places_in_a_heatmap_are_no_pixels(tmp_path: Path, masks: Clip) -> None:
+    rows = [f"{frame},{subject},{frame % 60},33,1" for frame in masks.frames for subject in ("anna", "ben")]
+    with pytest.raises(VfoaError, match=r"points\.csv: u_px, v_px: found at most 59, .* heatmap"):
+        _run_points(tmp_path, rows)
+
+
 def _leave_anna_alone(tables: Path, frame: int) -> None:
     people, objects = tables / "people.csv", tables / "objects.csv"
     people.write_text(re.sub(rf"^{frame},\d+,ben,.*\n", "", people.read_text(), flags=re.MULTILINE))
