@@ -66,19 +66,20 @@ def import_labels(
 ) -> Imported:
     """Read another program's file in the format called ``name`` into an annotator's labels of the clip.
 
-    Labels of subjects that the file does not have are kept. The import is one step, which can be undone.
+    Labels of subjects that the file does not have are kept, and without ``replace`` those of other frames than the
+    file's. The import is one step, which can be undone.
 
     Parameters
     ----------
     replace
-        Labels of the file's subjects may be replaced. Frames noted as not labelled yet have no label.
+        All labels of the file's subjects are replaced. Frames noted as not labelled yet have no label.
     confirm
         Turn suggestions (a run's predictions) into confirmed labels.
 
     Raises
     ------
     VfoaError
-        If the file cannot be read as labels of this clip, or labels exist and may not be replaced.
+        If the file cannot be read as labels of this clip, or its frames have labels that may not be replaced.
     """
     if exchange.until_next and name != "table":
         raise VfoaError(f"--until-next: is of --format table; found --format {name}")
@@ -104,7 +105,11 @@ def import_labels(
     with closing(History(manifest, annotator, exchange.timeline)) as history:
         steps = len(imported.drawn.tracks) + bool(new.ranges)
         back = f"brings them back{', step by step' if steps > 1 else ''}"
+        joined = None if replace else _joined(history.labels.content(), new, exchange)
         for path, taken in _taken(history, new, imported.drawn).items():
+            if joined and path == history.labels.path:
+                notes.append(f"{path}: the {taken} stay: they are of other frames.")
+                continue
             if not replace:  # labels may have come with the program
                 present = (manifest.annotations.find(annotator) if path == place else None) or path
                 raise VfoaError(f"{present}: has {taken} already; expected --replace, or another --annotator")
@@ -112,8 +117,16 @@ def import_labels(
         for shape in imported.drawn.tracks:
             history.drawing.put_shape(shape)
         if new.ranges:
-            history.labels.put_labels(new, new.subjects)
+            history.labels.put_labels(joined or new, new.subjects)
     return replace_fields(imported, labels=new, notes=tuple(notes))
+
+
+def _joined(present: Labels, new: Labels, exchange: Exchange) -> Labels | None:
+    """The new labels and the present ones of the same people; None if a frame has both."""
+    rows = [row for row in (*present.ranges, *new.ranges) if row.subject in new.subjects]
+    labelled = [row for row in rows if not row.label.is_placeholder]
+    counts = Counter((row.subject, place) for row in labelled for place in exchange.positions(row))
+    return None if any(count > 1 for count in counts.values()) else Labels(labelled)
 
 
 def _check_size(imported: Imported, manifest: ClipManifest, source: Path) -> None:

@@ -126,6 +126,26 @@ def test_an_input_is_not_replaced(
         assert {path: path.read_bytes() for path in before} == before
 
 
+def test_a_second_file_adds_the_labels_of_other_frames(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def imported(*rows: str, code: int = 0) -> list[str]:
+        write_text(folder / "looks.csv", "\n".join(["frame,subject,target", *rows]) + "\n")
+        words = ("labels", "import", "looks.csv", "--format", "table", "--clip", CLIP, "--annotator", "new")
+        assert vfoa(monkeypatch, capsys, *words)[0] == code
+        return (folder / "annotations" / f"{CLIP}@new.csv").read_text().splitlines()[2:]
+
+    imported("1,anna,mug", "4,anna,bear", "1,ben,bowl")
+    todo = "ignore,not labelled yet"
+    expected = ["1,1,anna,mug,", "1,1,ben,bowl,", "2,2,anna,none,", f"3,3,anna,{todo}", "4,4,anna,bear,"]
+    assert imported("2,anna,none", "6,anna,mug") == [*expected, f"5,5,anna,{todo}", "6,6,anna,mug,"]
+    before = imported("3,anna,mug")
+    assert imported("6,anna,bowl", "7,anna,bowl", code=2) == before
+    assert "3,3,anna,mug," in before
+    assert vfoa(monkeypatch, capsys, "labels", "undo", CLIP, "--annotator", "new")[0] == 0
+    assert (folder / "annotations" / f"{CLIP}@new.csv").read_text().splitlines()[2:5] == expected[:3]
+
+
 def test_an_import_replaces_only_subjects_of_the_file_and_can_be_undone(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
