@@ -48,7 +48,8 @@ BINS = 10
 """Bins of the expected calibration error."""
 _EMPTY_AS_TEXT = frozenset({"None", "nan", "NaN", "NaT", "<NA>"})
 """What empty cells are after ``astype(str)``: as names, those of truth and answers would be equal."""
-_TOLERANCE = 1e-6
+SUM_TOLERANCE = 1e-3
+"""By how much the sum of a frame's probabilities may differ from 1, for tables with few digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,7 +107,8 @@ def score(
         no answer.
     probabilities
         By target, and perhaps for ``"none"``: the probability (n,) in each frame. Without ``"none"``, it has what is
-        left up to 1. Those of frames without an answer are not read.
+        left up to 1. NaN, an empty cell, is 0 beside others of the frame. Those of frames without an answer are not
+        read.
 
     Raises
     ------
@@ -197,6 +199,8 @@ def _worth(
     """Log loss, Brier's score and calibration error, by name."""
     names = list(chances)
     values = np.stack([*chances.values()], axis=1) if names else np.zeros((len(labels), 0))
+    is_empty = np.isnan(values)
+    values = np.where(is_empty & ~is_empty.all(axis=1, keepdims=True), 0, values)
     _check(values[is_given], names)
     if NOWHERE not in chances:
         names.append(NOWHERE)
@@ -225,7 +229,7 @@ def _check(values: Float, names: Sequence[str]) -> None:
         found = values[row, column]
         raise VfoaError(f"score: probabilities of {names[column]!r}: expected values from 0 to 1, found {found:g}")
     sums = values.sum(axis=1)
-    wrong = (sums > 1 + _TOLERANCE) | ((sums < 1 - _TOLERANCE) & (NOWHERE in names))
+    wrong = (sums > 1 + SUM_TOLERANCE) | ((sums < 1 - SUM_TOLERANCE) & (NOWHERE in names))
     if wrong.any():
         limit = "1" if NOWHERE in names else f"at most 1 (the rest is that of {NOWHERE!r})"
         raise VfoaError(f"score: probabilities: those of a frame add up to {sums[wrong][0]:.4g}; expected {limit}")

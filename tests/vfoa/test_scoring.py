@@ -128,6 +128,14 @@ def test_nowhere_has_what_is_left_of_the_probabilities() -> None:
     assert astuple(vfoa.score(truth, answers, left_out)) == astuple(vfoa.score(truth, answers, CHANCES))
 
 
+def test_probabilities_are_those_of_tables_with_empty_cells_and_few_digits() -> None:
+    truth, answers = ["cup", "book", "none"], ["cup", "cup", "none"]
+    table = {"book": [math.nan, 0.333, 0.0], "cup": [0.75, 0.333, math.nan], "none": [0.25, 0.333, 1.0]}
+    plain = {name: np.nan_to_num(column) for name, column in table.items()}
+    assert vfoa.score(truth, answers, table) == vfoa.score(truth, answers, plain)
+    assert vfoa.score(truth, answers, table).log_loss == pytest.approx(-math.log(0.75 * 0.333) / 3)
+
+
 def test_calibration_is_the_distance_of_confidence_from_the_share_of_right_answers() -> None:
     chances = [0.95, 0.95, 0.95, 0.95, 0.55]  # three of four right at .95, none at .55
     scored = vfoa.score(["cup", "cup", "cup", "none", "none"], ["cup"] * 5, {"cup": chances})

@@ -37,6 +37,7 @@ from harness.pipeline.stage_files.heads import frame_numbers
 from harness.sources.measured.idiap import answers_of_idiap, is_tracker_output
 from harness.sources.media.frame_times import SINCE_1970_NS
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.scoring import SUM_TOLERANCE
 from vfoa.types import NoAttention
 
 KEYS = ("frame", "time_s")
@@ -53,7 +54,7 @@ _MANY_POINTS = 20
 _IN_IMAGE = {"": False, "1": False, "true": False, "1.0": False, "0": True, "false": True, "0.0": True}
 """Cells of ``in_image``, and whether they say that the point is outside."""
 _TOLERANCE = 1e-3
-"""By how much the probabilities of a row may differ from 1, for tables with few digits."""
+"""By how much the rounding of a time may exceed half a frame, as a share of that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -266,7 +267,7 @@ class _CheckedTable:
         if self._sums is None:
             return
         least = 1.0 if NOWHERE in self.chances else 0.0
-        wrong = (self._sums > 1 + _TOLERANCE) | ((self._sums < least - _TOLERANCE) & self._has_chances)
+        wrong = (self._sums > 1 + SUM_TOLERANCE) | ((self._sums < least - SUM_TOLERANCE) & self._has_chances)
         for row in np.flatnonzero(wrong)[:1].tolist():
             names = ", ".join(CHANCE + name for name in self.chances)
             limit = "1" if least else f"at most 1 (the rest is that of {NOWHERE})"
