@@ -89,6 +89,8 @@ class JournaledStore(ABC, Generic[Content]):
             entries = self._journal.read() if self._journal else []
             self.requests = {entry["id"] for entry in entries if "id" in entry}
             """The ids under which changes were made."""
+            self.last_request = entries[-1].get("id", "") if entries else ""
+            """The id under which the last change was made; empty for one without, and for one of another program."""
             self._start(self._read(), entries)
         except BaseException:
             self.close()
@@ -227,6 +229,7 @@ class JournaledStore(ABC, Generic[Content]):
             self._replay(self._journal.read())
             raise
         self.requests.update(request.values())
+        self.last_request = self._request
 
     def close(self) -> None:
         """Close the journal."""
@@ -280,6 +283,7 @@ class JournaledStore(ABC, Generic[Content]):
         if self._journal is not None:
             self._journal.append({**entry, "time_s": self._journal.next_time_s()})
         self.apply(entry)
+        self.last_request = ""
         self._written, self._digest = self.content(), self._file_digest()  # the same labels, in fewer rows
 
     def _read(self) -> Content:

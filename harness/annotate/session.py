@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cached_property
@@ -13,7 +13,7 @@ from typing import Any, get_args
 from harness.annotate.actions import Action, edited
 from harness.annotate.clip_pictures import ClipPictures, PictureKind, RegionPx
 from harness.annotate.history import History
-from harness.annotate.journaled_store import StaleRevisionError, StepBack
+from harness.annotate.journaled_store import JournaledStore, StaleRevisionError, StepBack
 from harness.annotate.suggestions import LabelBlock, Predictions, advice
 from harness.clips.manifest import ClipManifest, known_categories, load_manifest
 from harness.clips.naming import COLOURS, KEYS, NameRule, keys_and_colours
@@ -157,19 +157,20 @@ class Session:
         Raises
         ------
         StaleRevisionError
-            If something else changed since the revisions; nothing is made.
+            If something else changed since the revisions, or since those of the actions that were made before; nothing
+            is made.
         """
         with self.changing:
             known = self._store.requests | self._drawing.requests
             made = [at for at, action in enumerate(actions) if action.id in known]
             rest = actions[made[-1] + 1 if made else 0 :]
-            if not made:  # else, the first of them had the right revision
-                self._history.refresh()
-                kinds = {action.kind for action in rest}
-                if kinds & {"draw", "undo", "redo"} and drawn != self._drawing.revision:
-                    raise StaleRevisionError
-                if kinds - {"draw", "seen"} and revision != self._store.revision:
-                    raise StaleRevisionError
+            self._history.refresh()
+            own = {actions[at].id for at in made}
+            kinds = {action.kind for action in rest}
+            if kinds & {"draw", "undo", "redo"} and _is_stale(self._drawing, drawn, own):
+                raise StaleRevisionError
+            if kinds - {"draw", "seen"} and _is_stale(self._store, revision, own):
+                raise StaleRevisionError
             for action in rest:
                 with self._store.under(action.id), self._drawing.under(action.id):
                     self.make(action)
@@ -293,6 +294,11 @@ class Session:
             (prediction.target, round(prediction.attention, 4)) if prediction and prediction.target in known else None
             for prediction in predictions
         ]
+
+
+def _is_stale(store: JournaledStore[Any], revision: int, own: Collection[str]) -> bool:
+    """Whether the last change of a store is neither the one of the revision nor one of the requests."""
+    return revision != store.revision and store.last_request not in own
 
 
 def _check_choices(run: Path | None, configuration: str | None, blind: bool, uncertain_first: bool) -> None:

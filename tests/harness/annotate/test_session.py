@@ -261,3 +261,14 @@ def test_a_change_made_on_an_older_state_is_refused(opened: Any, kind: str) -> N
     with pytest.raises(StaleRevisionError):
         session.make_all([Action(kind=kind, subject="ann", target="book")], 1, 1)
     assert session.path.read_bytes() == before
+
+
+def test_a_lost_answer_does_not_hide_what_another_tab_has_changed(opened: Any) -> None:
+    session = opened()
+    made, later = (Action(kind="look", id=name, subject="ann", target="cup", at=at) for at, name in enumerate("ab"))
+    session.make_all([made], 1, 1)
+    session.make(Action(kind="look", id="c", subject="ann", target="book", at=1))
+    before = session.path.read_bytes()
+    with pytest.raises(StaleRevisionError):
+        session.make_all([made, later], 1, 1)
+    assert session.path.read_bytes() == before
