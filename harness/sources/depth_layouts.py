@@ -23,7 +23,7 @@ from harness.sources.calibration_files.depth_unit import counts_per_metre
 from harness.sources.calibration_files.documents import SUFFIXES
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES, find_frames, folders_by_number, walk_files
-from harness.sources.media.frame_times import TICKS_NS, StampUnit, join_times, stamp_unit, times_beside
+from harness.sources.media.frame_times import TICKS_NS, StampUnit, join_times, numbered_apart, stamp_unit, times_beside
 from harness.sources.media.images import read_rgb
 from harness.sources.media.listed_times import find_times, read_times
 from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
@@ -150,6 +150,12 @@ def find_depth_frames(
     if not pairs:
         raise VfoaError(f"{folder}: no image of {colour!r} has a partner in {depth!r} {rule}")
     numbered = dict(enumerate(pairs, start=1)) if is_listed else {pair[0]: pair for pair in pairs}
+    shifted: tuple[str, ...] = ()
+    if not has_times and numbered_apart(colours, depths):
+        shifted = (
+            f"{colour} has {len(colours)} images from {min(colours)}, {depth} {len(depths)} from {min(depths)}, joined "
+            "by number: if the first ones belong together, number them alike (ffmpeg -start_number)",
+        )
     times_ns = {key: key * tick_ns for key in colours} if has_times else times_beside(colours)
     if times is not None:
         times_ns = read_times(folder / times, colours)
@@ -161,7 +167,8 @@ def find_depth_frames(
             f"{name}: {len(files) - len(pairs)} of {len(files)} images have no partner {rule}"
             for name, files in ((colour, colours), (depth, depths))
             if len(files) > len(pairs)
-        ),
+        )
+        + shifted,
     )
 
 

@@ -21,6 +21,7 @@ from harness.sources.media.frame_times import (
     join_nearest,
     join_times,
     nearest_apart,
+    numbered_apart,
     rate_of,
     times_beside,
 )
@@ -270,6 +271,7 @@ class PairFiles(Settings):
         """
         right: Pictures | None = None
         left: Pictures
+        notes: tuple[str, ...] = ()
         if "video" in self.layout:
             left = Video(folder / (self.left or str(self.both)))
             if self.right is not None:
@@ -282,13 +284,21 @@ class PairFiles(Settings):
             left = self._images(find_frames(folder, self.both, "source.both"), folder)
         else:
             lefts, rights = find_sides(folder, str(self.left), str(self.right))
+            shift = numbered_apart(lefts, rights)
+            if shift and self.stamps is None and not self.right_offset:
+                notes = (
+                    f"{len(lefts)} left images from {min(lefts)} and {len(rights)} right ones from {min(rights)}, "
+                    f"paired by number: if the first ones belong together, say right_offset = {shift} in [source]",
+                )
             if self.right_offset:
                 rights = {number - self.right_offset: path for number, path in rights.items()}
             if self.stamps is not None:
                 rights = _joined_by_time(lefts, rights, self.tolerance_ms, TICKS_NS[self.stamps])
             left, right = self._images(lefts, folder), ImageFiles(rights)
         packing = next((packing for packing in PACKINGS if self.layout.endswith(packing)), PACKINGS[0])
-        return StereoPairs(left, right, packing, swapped=self.swap)
+        pairs = StereoPairs(left, right, packing, swapped=self.swap)
+        pairs.notes += notes
+        return pairs
 
     def _images(self, files: Mapping[int, Path], folder: Path) -> ImageFiles:
         """Images with the times of their names, or of a file."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -87,6 +87,15 @@ def untimed_note(frames: Sequence[int]) -> tuple[str, ...]:
         f"the frames have no times, and their numbers are {step:g} apart (median): if the numbers are times, say "
         'stamps = "ns" (or "us", "ms") in [source]',
     )
+
+
+def numbered_apart(one: Collection[int], other: Collection[int]) -> int:
+    """By how much the numbers of two sides with as many images, without a gap, differ; 0 of all others.
+
+    Probably their n-th images belong together: one program counts from 0, another one, such as ffmpeg, from 1.
+    """
+    is_whole = all(max(side) - min(side) + 1 == len(side) for side in (one, other))
+    return min(other) - min(one) if is_whole and len(one) == len(other) > 1 else 0
 
 
 def join_times(left: Sequence[int], right: Sequence[int], tolerance: int) -> list[tuple[int, int]]:

@@ -16,6 +16,7 @@ from harness.cli.clips import app
 from harness.clips.add import add_clip
 from harness.clips.manifest import load_manifest
 from harness.sources.depth_folder import DepthFolderClip, DepthFolderSettings
+from harness.sources.depth_layouts import find_depth_frames
 from harness.sources.media.maps import read_depth_file
 from tests.adapter_contract import check_contract
 from tests.disk import HEIGHT, WIDTH, picture, write_image, write_text
@@ -401,6 +402,15 @@ def test_a_calibration_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     path = write_text(png(tmp_path / "take") / "intrinsics.json", '{"fx": 100}')
     with pytest.raises(VfoaError, match=rf"{path}: found no fy"):
         add_clip(tmp_path / "take")
+
+
+def test_colour_and_depth_that_are_numbered_from_other_numbers_are_noted(tmp_path: Path) -> None:
+    for number in range(4):
+        write_image(tmp_path / "rgb" / f"{number + 1:04d}.png", picture(number))  # as ffmpeg numbers them
+        write_image(tmp_path / "depth" / f"{number:04d}.png", np.full(picture(number).shape[:2], 900, np.uint16))
+    frames = find_depth_frames(tmp_path, "rgb/*.png", "depth/*.png", 20)
+    assert [*frames.colours] == [1, 2, 3]
+    assert "4 images from 1, depth/*.png 4 from 0" in frames.notes[2]
 
 
 @pytest.mark.parametrize(

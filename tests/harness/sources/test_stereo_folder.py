@@ -97,6 +97,18 @@ def test_images_without_a_partner_are_left_out_and_said(tmp_path: Path, side: st
         clip.frame(2)
 
 
+def test_sides_that_are_numbered_from_other_numbers_are_noted(tmp_path: Path) -> None:
+    stereo_pair_folder(tmp_path)
+    for number in (3, 2, 1):
+        (tmp_path / "right" / f"00000{number}.png").rename(tmp_path / "right" / f"00000{number + 1}.png")
+    clip = StereoFolderClip(SETTINGS, tmp_path)
+    assert clip.frames == (2, 3)
+    assert "3 left images from 1 and 3 right ones from 2" in clip.notes[2]
+    assert "right_offset = 1" in clip.notes[2]
+    clip = StereoFolderClip(SETTINGS.model_copy(update={"right_offset": 1}), tmp_path)
+    assert (clip.frames, len(clip.notes)) == ((1, 2, 3), 1)
+
+
 def test_sides_without_a_common_number_are_one_line(tmp_path: Path) -> None:
     write_image(tmp_path / "left" / "1.png", picture(1))
     write_image(tmp_path / "right" / "2.png", picture(2))
