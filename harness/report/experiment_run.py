@@ -104,7 +104,7 @@ def run_plainly(
     from harness.score.labelled_run import check_labelled
 
     plan = prepare(experiment, fit=_LEFT_OUT)
-    labels = {each.manifest.name: each.labels for each in plan.clips}
+    labels = {each.manifest.word: each.labels for each in plan.clips}
     check_labelled(experiment.name, labels, [each.plain() for each in plan.experiment.configurations])
     with bar(plan.frames, experiment.name) as progress:
         return run_plan(

@@ -81,7 +81,7 @@ class FinishedRun:
 
         Renamed targets have their present names.
         """
-        names = self._names_now(self._manifests())
+        names = self._names_now(self.manifests())
         reader = TableReader(self.directory, self.manifest)
         scored = {*self._scored(reader.paths)}
         for block in reader.blocks:
@@ -98,12 +98,12 @@ class FinishedRun:
         VfoaError
             If there is no such frame, or a table is missing, damaged, of another version, or has lost frames.
         """
-        names = self._names_now(self._manifests())
+        names = self._names_now(self.manifests())
         reader = ColumnReader(self.directory, self.manifest)
         for pair in self._scored(reader.paths, configurations):
             yield reader.read(pair, names[pair[0]])
 
-    def _manifests(self) -> dict[str, ClipManifest]:
+    def manifests(self) -> dict[str, ClipManifest]:
         """The present manifest of each clip, whose names the labels have."""
         annotator = self.manifest.scored_annotator
         return {clip.name: manifest_of_run(clip.manifest, clip.name, annotator) for clip in self.manifest.clips}
@@ -147,7 +147,7 @@ class FinishedRun:
         """
         run = self.manifest
         traits = {name: run.traits(name, self.directory.manifest) for name in run.configurations}
-        annotator, manifests = run.scored_annotator, self._manifests()
+        annotator, manifests = run.scored_annotator, self.manifests()
         read = {clip.name: manifests[clip.name].labels(_timeline(clip), annotator) for clip in run.clips}
         labels = {name: of_clip for name, of_clip in read.items() if of_clip is not None and of_clip.ranges}
         without_labels = [manifests[name] for name, of_clip in read.items() if not (of_clip and of_clip.are_scored)]
@@ -220,7 +220,7 @@ class FinishedRun:
     def present_labels(self) -> dict[str, str | None]:
         """The digest of the present labels of each clip; None without any."""
         annotator = self.manifest.scored_annotator
-        return {name: clip.annotations.digest(annotator) for name, clip in self._manifests().items()}
+        return {name: clip.annotations.digest(annotator) for name, clip in self.manifests().items()}
 
     def note_labels(self, now: dict[str, str | None]) -> None:
         """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""

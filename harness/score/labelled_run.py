@@ -119,16 +119,18 @@ def read_labelled(
     chosen = configuration or next(iter((*logits, *bases)))
     check_known(chosen, bases, f"{directory.path}: no configuration")
     reference = run.reference()
-    of_clips = {clip.name: reference.labels.get(clip.name) for clip in run.manifest.clips}
+    of_clips = {clip.word: reference.labels.get(name) for name, clip in run.manifests().items()}
     check_labelled(run.manifest.experiment, of_clips, known.values())
     pairs, answers = _labelled_pairs(run, reference, chosen), _answers(run, reference)
     return labelled_runs(run.manifest.experiment, pairs, [chosen], executor or InProcess(), answers, bar)[0]
 
 
 def check_labelled(
-    experiment: str, labels: Mapping[str, Labels | None], configurations: Collection[Mapping[str, Any]]
+    experiment: str, labels: Mapping[str | Path, Labels | None], configurations: Collection[Mapping[str, Any]]
 ) -> None:
-    """Reject an experiment in which nobody has a label that counts; ``labels`` are those of each clip, by its name.
+    """Reject an experiment in which nobody has a label that counts.
+
+    ``labels`` are those of each clip, by its word in a command (:attr:`harness.clips.manifest.ClipManifest.word`).
 
     Raises
     ------

@@ -469,6 +469,12 @@ def test_without_labels_nothing_is_perceived(tmp_path: Path, monkeypatch: pytest
         with pytest.raises(VfoaError, match=r"talk: found no label .*--clip one"):
             read_labelled(finished)
         labels.unlink(missing_ok=True)
+    elsewhere = tmp_path / "clips" / "one.toml"
+    write_text(elsewhere, (tmp_path / "datasets" / "one.toml").read_text())
+    (tmp_path / "datasets" / "one.toml").unlink()
+    write_text(Path("talk.toml"), Path("talk.toml").read_text().replace('"one"', f'"{elsewhere}"'))
+    with pytest.raises(VfoaError, match=rf"--clip {elsewhere}"):
+        fit("talk.toml", Path("fitted.toml"))
     assert not (tmp_path / "runs").exists()
 
 
