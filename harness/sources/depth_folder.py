@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from harness.files.ascending import usual_step
 from harness.files.digests import digest_files
+from harness.files.safe_names import shell_command
 from harness.sources import Recognised, Truth, check_number, given_root
 from harness.sources.calibration_files.depth_unit import counts_per_metre
 from harness.sources.calibration_files.one_camera import camera_note, read_one_camera
@@ -20,6 +21,7 @@ from harness.sources.depth_optics import DepthOptics, Intrinsics, check_one_cali
 from harness.sources.media.frame_times import StampUnit, number_time_ns, rate_of, untimed_note
 from harness.sources.media.images import read_rgb, width_by_height
 from harness.sources.media.maps import read_depth_file
+from harness.sources.media.video import VIDEO_SUFFIXES
 from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
 from vfoa.errors import VfoaError, located
 from vfoa.settings import Settings
@@ -59,6 +61,11 @@ class DepthFolderSettings(Settings):
         check_one_calibration(self.calibration, self.camera)
         if self.camera is not None and self.camera.baseline_m is not None:
             raise ValueError("found camera.baseline_m; expected none for a camera that measures depth")
+        for side, files in (("colour", self.colour), ("depth", self.depth)):
+            if Path(files).suffix.lower() in VIDEO_SUFFIXES:
+                as_filmed = "-vsync", "passthrough"  # else ffmpeg doubles pictures of phones, whose rate varies
+                made = shell_command("ffmpeg", "-i", files, *as_filmed, "-start_number", "0", f"{side}/%06d.png")
+                raise ValueError(f"{side}: found the film {files!r}; expected its images: mkdir {side} && {made}")
         if self.stamps is not None and (self.rate_hz is not None or self.colour.endswith(".txt")):
             raise ValueError(f"stamps: found {self.stamps!r}; expected neither lists nor rate_hz beside it")
         if self.times is not None and (self.stamps is not None or self.colour.endswith(".txt")):

@@ -387,6 +387,12 @@ def test_times_beside_the_numbers_of_frames_are_theirs(tmp_path: Path) -> None:
     assert slow.time_ns(9) == 300_000_000
 
 
+@pytest.mark.parametrize("side", ["colour", "depth"])
+def test_a_film_of_one_side_says_how_to_make_images(side: str) -> None:
+    with pytest.raises(ValueError, match=rf"{side}: found the film 'rgb\.mp4'.*ffmpeg -i rgb\.mp4 .*-start_number 0"):
+        DepthFolderSettings.model_validate({"colour": "rgb", "depth": "depth", "camera": CAMERA, side: "rgb.mp4"})
+
+
 def test_stamps_have_no_rate_beside_them() -> None:
     settings = {"colour": "rgb", "depth": "depth", "camera": CAMERA, "stamps": "us", "rate_hz": 30}
     with pytest.raises(ValueError, match=r"stamps: .*rate_hz"):
