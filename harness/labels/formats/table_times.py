@@ -6,8 +6,8 @@ import math
 import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from datetime import datetime
 from itertools import pairwise
 from pathlib import Path, PurePath
 
@@ -16,7 +16,7 @@ from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange, Span
 from harness.labels.labels import Timeline
 from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES
-from harness.sources.media.frame_times import SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, stamp_unit
+from harness.sources.media.frame_times import DATE, SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, date_ns, stamp_unit
 from vfoa.errors import VfoaError
 
 Cells = tuple[str, Mapping[str, str]]
@@ -30,9 +30,6 @@ _CODE = re.compile(r"([0-9]{1,4}):([0-5][0-9]):([0-5][0-9])([:;])([0-9]{2})")
 _NUMBER = re.compile(r"-?(?:[0-9]{1,16}(?:\.[0-9]*)?|\.[0-9]+)")
 
 _STAMP = re.compile(r"([0-9]{10}|[0-9]{13}|[0-9]{16}|[0-9]{19})(?:\.[0-9]*)?")
-_DATE = re.compile(
-    r"([0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:[0-9]{2}:[0-9]{2})(?:[.,]([0-9]{1,9}))? ?(Z|[+-][0-9]{2}:?[0-9]{2})?"
-)
 
 UNITS = ("s", "sec", "seconds", "ms", "us", "ns", "frame", "frames")
 """Last words of columns that name their unit."""
@@ -130,11 +127,9 @@ def time_ms_of(cell: str, where: str, *, unit_ms: float, fps: float | None) -> f
 
 def _since_1970_ms(cell: str, unit_ms: float) -> float | None:
     """A time since 1970; None of any other. A column of seconds may name no unit, and be of any."""
-    if date := _DATE.fullmatch(cell):
-        try:
-            return 1000 * (datetime.fromisoformat(date[1] + (date[3] or "Z")).timestamp() + float(f"0.{date[2] or 0}"))
-        except ValueError:
-            return None
+    with suppress(ValueError):
+        if (date := date_ns(cell)) is not None:
+            return date / MS
     if not (stamp := _STAMP.fullmatch(cell)):
         return None
     of_digits = TICKS_NS[UNIT_OF_DIGITS[len(stamp[1])]] / MS
@@ -318,7 +313,7 @@ def without_times(
 
 def _is_clock(cell: str) -> bool:
     """Whether a cell beside a frame is its time; a date may be when it was labelled."""
-    return not (is_missing(cell) or _DATE.fullmatch(cell))
+    return not (is_missing(cell) or DATE.fullmatch(cell))
 
 
 def _times_of_frames(exchange: Exchange, *, is_ns: bool) -> Mapping[int | None, float]:

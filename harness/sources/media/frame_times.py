@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -19,6 +21,24 @@ UNIT_OF_DIGITS: Mapping[int, StampUnit] = {10: "s", 13: "ms", 16: "us", 19: "ns"
 """The unit of a time since 1970, by the digits before its decimals: of the years 2001 to 2286."""
 SINCE_1970_NS = 10**18
 """The least of such times; smaller ones count from another beginning."""
+DATE = re.compile(
+    r"([0-9]{4}-[0-9]{2}-[0-9]{2}[T ][0-9]{2}:[0-9]{2}:[0-9]{2})(?:[.,]([0-9]{1,9}))? ?(Z|[+-][0-9]{2}:?[0-9]{2})?"
+)
+"""Date and time of day, and how far that clock is ahead of UTC."""
+
+
+def date_ns(text: str) -> int | None:
+    """The time since 1970 of a :data:`DATE`, which is of UTC without a zone; None of any other text.
+
+    Raises
+    ------
+    ValueError
+        If the calendar or the clock has no such date or time.
+    """
+    if (date := DATE.fullmatch(text)) is None:
+        return None
+    whole_s = datetime.fromisoformat(date[1] + (date[3] or "Z")).timestamp()
+    return int(whole_s) * 10**9 + int((date[2] or "").ljust(9, "0"))
 
 
 def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:

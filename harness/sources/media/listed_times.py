@@ -11,16 +11,11 @@ import numpy as np
 
 from harness.files.dialects import check_width, plain_name, table_rows
 from harness.files.io import read_text
-from harness.sources.media.frame_times import SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, StampUnit
+from harness.sources.media.frame_times import DATE, SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, StampUnit, date_ns
 from vfoa.errors import VfoaError, listed, reported_as
 
 _FILES = re.compile(r"(?:(?:(?:frame|image|left|rgb|colou?r)_)?timestamps|times)\.(?:txt|csv)", re.IGNORECASE)
 """The name of such a file: KITTI's, and people's."""
-_DATE = re.compile(
-    r"((?:19|20|21)[0-9]{2}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?)"
-    r"(?:Z|([+-][0-9]{2}):?([0-9]{2}))?"
-)
-"""Date and time of day, and how far that clock is ahead of UTC."""
 _NUMBER = re.compile(r"[0-9]{1,19}(?:\.[0-9]{0,20})?(?:[eE][+-]?[0-9]{1,2})?")  # np.savetxt writes 18 decimals
 _UNITS: dict[str, StampUnit] = {"sec": "s", "seconds": "s", "msec": "ms", **{unit: unit for unit in TICKS_NS}}
 """Units at the end of a column's name."""
@@ -97,7 +92,7 @@ def _column_of_times(path: Path) -> tuple[list[tuple[int, str]], StampUnit | Non
 
 
 def _line_is_time(text: str) -> bool:
-    return bool(_DATE.fullmatch(text) or _NUMBER.fullmatch(text))
+    return bool(DATE.fullmatch(text) or _NUMBER.fullmatch(text))
 
 
 def _find_column(header: Sequence[str], path: Path) -> tuple[int, StampUnit | None]:
@@ -120,10 +115,9 @@ def _find_column(header: Sequence[str], path: Path) -> tuple[int, StampUnit | No
 
 
 def _line_ns(text: str, unit: StampUnit | None, where: str) -> int:
-    if date := _DATE.fullmatch(text):
-        ahead_min = 60 * int(date[2]) + int(date[2][0] + date[3]) if date[2] else 0
-        with reported_as(where):
-            return int(np.datetime64(date[1], "ns").astype(np.int64)) - ahead_min * 60 * 10**9
+    with reported_as(where):
+        if (since_1970 := date_ns(text)) is not None:
+            return since_1970
     if _NUMBER.fullmatch(text):
         value, is_whole = Decimal(text), text.isdecimal()
         digits = len(str(int(value)))

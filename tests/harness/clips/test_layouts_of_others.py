@@ -253,6 +253,7 @@ TENTHS = (0, 1, 5)
         ("left/timestamps.csv", ["Time Stamp (ms),file", *(f"{tenths * 100},a.png" for tenths in TENTHS)]),
         ("times.csv", [f"2026-11-28T09:00:00.{tenths}" for tenths in TENTHS]),
         ("times.txt", [f"2026-11-28T09:00:00.{tenths}+05:30" for tenths in TENTHS]),
+        ("times.txt", [f"2026-11-28 09:00:00,{tenths}00" for tenths in TENTHS]),  # Python's logging
         ("timestamps.txt", [f"{1_718_000_000 + tenths / 10:.18e}" for tenths in TENTHS]),  # np.savetxt
         ("timestamps.txt", [f"{1_718_000_000_000.25 + tenths * 100}" for tenths in TENTHS]),  # a RealSense's ms
         ("left_timestamps.csv", ["id,exposure_time_us,ts_us", *(f"1,8000,{tenths}00000" for tenths in TENTHS)]),
