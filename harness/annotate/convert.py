@@ -130,7 +130,7 @@ def _joined(present: Labels, new: Labels, exchange: Exchange) -> Labels | None:
 
 
 def _check_size(imported: Imported, manifest: ClipManifest, source: Path) -> None:
-    """Reject shapes that were drawn on images of another size than the clip's, or of a clip without images."""
+    """Reject shapes of images of another size than the clip's, or not in its pixels, or of a clip without images."""
     if not imported.drawn.tracks:
         return
     clip = manifest.open_images()
@@ -142,6 +142,19 @@ def _check_size(imported: Imported, manifest: ClipManifest, source: Path) -> Non
             f"{source}: found shapes on images of {found} pixels; expected {expected}, the clip's rectified left "
             f"images ({vfoa_command('clips', 'export', manifest.word, 'FOLDER')} writes them)"
         )
+    boxes = [key.place for track in imported.drawn.tracks for key in track.keys if len(key.place) == 4]
+    expected = "expected pixels: of COCO's bbox left, top, width and height"
+    if boxes and max(map(max, boxes)) <= 0.5 and min(map(min, boxes)) >= -0.5:
+        raise VfoaError(f"{source}: found boxes that are all within one pixel; {expected}")
+    beyond = sum(u > (1 + _BEYOND) * own[0] or v > (1 + _BEYOND) * own[1] for _, _, u, v in boxes)
+    if beyond > _MOST_BEYOND * len(boxes):
+        raise VfoaError(
+            f"{source}: {beyond} of {len(boxes)} boxes reach far beyond images of {own[0]} x {own[1]}; {expected}"
+        )
+
+
+_BEYOND, _MOST_BEYOND = 0.1, 0.25
+"""The share of the image by which a box reaches far beyond it, and the most such boxes, as a share."""
 
 
 def _taken(history: History, labels: Labels, drawn: Drawn) -> dict[Path, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 from collections import Counter
 from contextlib import closing
@@ -214,6 +215,25 @@ def test_shapes_of_another_program_are_drawn_on_the_clip(
     code, _, said = vfoa(monkeypatch, capsys, *words, "--replace")
     assert (code, said.count("\n"), drawn.read_text()) == (2, 1, first)
     assert f"{size[0] // 2} x {size[1]}" in said
+
+
+@pytest.mark.parametrize(
+    ("box", "said"),
+    [((0.1, 0.2, 0.4, 0.5), "all within one pixel"), ((0.6, 0.5, 1.3, 1.2), "3 of 3 boxes reach far beyond")],
+)
+def test_boxes_that_are_not_left_top_width_and_height_in_pixels_are_refused(
+    box: tuple[float, ...], said: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Fractions of the image's size, or the right lower corner in place of width and height."""
+    frame = load_manifest(CLIP).open_images().frame(1)
+    if box[2] > 1:
+        box = tuple(side * size for side, size in zip(box, 2 * (frame.rig.width_px, frame.rig.height_px), strict=True))
+    images = [{"id": number, "file_name": f"{number:05d}.png"} for number in (1, 2, 3)]
+    boxes = [{"image_id": number, "category_id": 1, "bbox": box} for number in (1, 2, 3)]
+    content = {"images": images, "categories": [{"id": 1, "name": "anna"}], "annotations": boxes}
+    source = write_text(folder / "boxes.json", json.dumps(content))
+    code, _, err = vfoa(monkeypatch, capsys, "labels", "import", str(source), "--clip", CLIP, "--format", "coco")
+    assert (code, err.count("\n"), said in err) == (2, 1, True), err
 
 
 @pytest.fixture
