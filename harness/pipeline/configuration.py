@@ -350,16 +350,17 @@ def merged(tables: Tables, over: Tables) -> Tables:
 
 
 def inherited(defaults: Tables, own: Tables) -> Tables:
-    """Return the defaults that a configuration inherits: a stage inherits only the settings that it has.
+    """Return the defaults that a configuration inherits: a stage, or a method of its own, has only its settings.
 
-    A table without a stage keeps all of them, of which one can be the stage's misspelt key.
+    A table without a stage, or without a method of its own, keeps all of them, of which one can be misspelt.
     """
     tables = {}
     for table, settings in defaults.items():
+        chosen = {**settings, **own.get(table, {})}
         slot = STAGES.get(table)
-        name = {**settings, **own.get(table, {})}.get(slot.key) if slot else None
+        name = chosen.get(slot.key) if slot else own.get(table, {}).get("method")
         tables[table] = {
-            key: value for key, value in settings.items() if slot is None or name is None or slot.takes(name, key)
+            key: value for key, value in settings.items() if name is None or takes({table: chosen}, f"{table}.{key}")
         }
     return tables
 
@@ -404,6 +405,8 @@ def check_all_used(
                 chosen = [each.choices[table] for each in configurations if table in STAGES]
                 known = {name for choice in chosen if choice for name in type(choice.settings).model_fields}
                 known.update([STAGES[table].key] if table in STAGES else STEPS[table].model_fields)
+                if table == "attention":
+                    known.update(*(type(each.attend.attention).model_fields for each in configurations))
                 problem = gone or f"no configuration's {table} has such a setting; {did_you_mean(key, known)}"
                 raise VfoaError(f"{where}: defaults.{table}.{key}: {problem}")
 

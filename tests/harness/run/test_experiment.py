@@ -309,6 +309,23 @@ def test_defaults_that_the_preset_of_the_file_replaces_are_named(tmp_path: Path)
     assert said(f"clips = ['any']\n{gaze}", preset="measured") == []  # asked for over the file
 
 
+def test_a_method_inherits_the_defaults_of_attention_that_it_has(tmp_path: Path) -> None:
+    """As a matcher does: the cones of all configurations beside a method that has none."""
+
+    def attention(defaults: str, one: str, other: str) -> list[dict[str, object]]:
+        text = f"{HEAD}[defaults.attention]\n{defaults}\n[grid.attention]\none = {{{one}}}\nother = {{{other}}}\n"
+        found = _by_name(load_experiment(_write(tmp_path, text)).configurations)
+        return [found[name]["attention"] for name in ("one", "other")]  # type: ignore[misc]
+
+    cones, posterior = attention("cones_cm = [10, 25]", "", "method = 'bayes'")
+    assert (cones["cones_cm"], posterior["method"]) == ([10, 25], "bayes")
+    posterior, cones = attention("method = 'bayes'\nsmoothing = 'off'", "", "method = 'cones'")
+    assert posterior["smoothing"] == "off"
+    assert "smoothing" not in cones
+    with pytest.raises(VfoaError, match=r"attention\.n_ray: .*'n_rays'"):
+        attention("n_ray = 20", "method = 'cones'", "method = 'bayes'")
+
+
 def test_a_preset_may_be_an_axis_or_asked_for_from_outside(tmp_path: Path) -> None:
     grid = _write(tmp_path, HEAD + '[grid]\npreset = ["none", "realtime"]\n')
     resolutions = {
