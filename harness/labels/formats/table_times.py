@@ -220,7 +220,7 @@ def with_frames_of_images(
     Raises
     ------
     VfoaError
-        If the names do not differ in one number.
+        If a name in a column of images is none of an image with a number, or the names do not differ in one number.
     """
     (line, header), *lines = rows
     if "frame" in meant:
@@ -242,6 +242,12 @@ def with_frames_of_images(
         numbers, unit = {name: str(of_own[own[name]]) for name in names}, stamp_unit(of_own.values())
         if unit is not None and not {*of_own.values()} <= {*exchange.frames} and not any(map(_is_time, meant)):
             column, numbers = "time_ns", {name: str(int(n) * TICKS_NS[unit]) for name, n in numbers.items()}
+    elif "frame" not in meant and (is_short or any(_is_image(name, is_short=False) for name in names)):
+        at, wrong = next((at, cells[place]) for at, cells in lines if not _is_image(cells[place], is_short=is_short))
+        raise VfoaError(
+            f"{path}:{at}: {header[place]}: found {wrong[:40]!r}; expected the name of an image with its number in "
+            "each row, such as frame_0001.png"
+        )
     else:
         return rows, []
     header = [*header[:place], column, *header[place + 1 :]]

@@ -86,6 +86,9 @@ def test_the_name_of_a_film_beside_frames_or_times_is_none_of_an_image(tmp_path:
         ("image,person,label\n0001.png,girl,bird\n0009.png,girl,bird\n", "frame 9 is outside the clip"),
         ("image,person,label\np1/0001.png,girl,bird\np2/0003.png,girl,bird\n", "2 numbers differ"),
         ("filename,person,label\ntalk.mp4,girl,bird\n", "where a row holds"),
+        ("image,person,label\nabc.png,girl,bird\n", "mine.csv:2: image: found 'abc.png'"),
+        ("image,person,label\n1.png,girl,bird\nlast,girl,bird\n", "mine.csv:3: image: found 'last'"),
+        ("file,person,label\n1.png,girl,bird\n2,girl,bird\n", "mine.csv:3: file: found '2'"),
         ("image,filename,person,label\n1.png,1.txt,girl,bird\n", "where a row holds"),
     ],
 )
