@@ -84,6 +84,10 @@ def _of_polygon(polygon: Sequence[float], size: tuple[int, int], where: str) -> 
     corners = np.array(polygon, dtype=np.float64)
     if len(corners) < 6 or len(corners) % 2:
         raise VfoaError(f"{where}: found a polygon of {len(corners)} numbers; expected u, v of three corners or more")
+    if corners.min() >= 0 and corners.max() <= 1:
+        raise VfoaError(
+            f"{where}: found a polygon with corners from 0 to 1; expected pixels: multiply by the image's size"
+        )
     u, v = corners.reshape(-1, 2).T
     if not (_is_near(u, width) and _is_near(v, height)):
         raise VfoaError(
