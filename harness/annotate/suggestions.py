@@ -14,13 +14,15 @@ from statistics import median
 from harness.clips.manifest import ClipManifest
 from harness.labels.labels import NOWHERE
 from harness.run.results import read_clip_records
+from harness.score.verdicts import probabilities
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """A run's prediction for a subject: a name, and the attention to it in [0, 1] (0 for ``none``).
+    """A run's prediction for a subject: a name, and the attention to it in [0, 1].
 
-    ``margin`` is the difference to the next target's attention: small if the run was uncertain.
+    With probabilities, it is that of all objects of the name, or of ``none``; otherwise, ``none`` has 0. ``margin`` is
+    the difference to the next answer's: small if the run was uncertain.
     """
 
     target: str
@@ -120,7 +122,7 @@ class Predictions:
     def __init__(self, run: Path, clip: ClipManifest, configuration: str | None) -> None:
         records = read_clip_records(run, clip, configuration)
         self.configuration, self.records = records.configuration, records.by_frame
-        self._says_nowhere = records.says_nowhere
+        self._says_nowhere, self._has_probabilities = records.says_nowhere, records.has_probabilities
         known = {*clip.targets, *clip.subjects, NOWHERE}
         self._answers = defaultdict[tuple[str, int], list[str]](list)
         """By subject and frame: the answers of all configurations; all names that the clip does not know are one.
@@ -145,11 +147,18 @@ class Predictions:
         person = next((person for person in record.subjects if person.name == subject), None)
         if person is None or person.missing or (person.focus is None and not self._says_nowhere):
             return None
+        target = NOWHERE if person.focus is None else record.target(person.focus).name
+        if self._has_probabilities:
+            chances = defaultdict[str, float](float)
+            for number, chance in probabilities(person).items():
+                chances[NOWHERE if number is None else record.target(number).name] += chance
+            attention = chances.pop(target, 0.0)
+            return Prediction(target=target, attention=attention, margin=attention - max(chances.values(), default=0.0))
         if person.focus is None:
             return Prediction(target=NOWHERE, attention=0.0, margin=0.0)
         totals = sorted((attention.total for attention in person.attention), reverse=True)
         first, second = (*totals, 0.0, 0.0)[:2]
-        return Prediction(target=record.target(person.focus).name, attention=first, margin=first - second)
+        return Prediction(target=target, attention=first, margin=first - second)
 
     def order(self, frames: Sequence[int], subject: str) -> list[int]:
         """Positions of the frames, the most uncertain first; frames without a prediction come before all others."""

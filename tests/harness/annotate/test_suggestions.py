@@ -90,3 +90,23 @@ def test_all_configurations_of_the_run_count_and_blind_shows_none(opened: Any, w
     assert (blind.about()["label_first"], blind.advice) == ([], None)
     about = blind.about()
     assert (about["suggestions"], about["order"], about["configuration"]) == ({"ann": None, "ben": None}, None, None)
+
+
+def test_probabilities_say_how_sure_the_answer_nowhere_and_several_objects_of_a_name_are(
+    opened: Any, work: Path
+) -> None:
+    targets = [target_record(1, "cup"), target_record(2, "cup"), target_record(3, "book")]
+    totals = [{1: 0.02, 2: 0.0, 3: 0.03}, {1: 0.4, 2: 0.35, 3: 0.2}, {1: 0.1, 2: 0.0, 3: 0.5}]
+    records = [
+        frame_record(targets, [subject_record("ann", totals=total, focus=focus)], frame=frame, clip="noise")
+        for frame, total, focus in zip(FRAMES, totals, (None, 1, 3), strict=False)
+    ]
+    (work / "run" / "manifest.json").unlink()
+    methods = {records[0].configuration: {"probabilistic": True, "says_nowhere": True}}
+    write_run(work / "run", records, methods=methods)
+    session = opened(run=work / "run", uncertain_first=True)
+    assert session.about()["suggestions"]["ann"][:3] == [("none", 0.95), ("cup", 0.75), ("book", 0.5)]
+    predictions = Predictions(work / "run", session.manifest, None)
+    found = [predictions.predict(frame, "ann") for frame in FRAMES[:3]]
+    assert [each and round(each.margin, 9) for each in found] == [0.92, 0.55, 0.1]
+    assert predictions.order(FRAMES[:3], "ann") == [2, 1, 0]
