@@ -196,6 +196,8 @@ class HeadTable:
                 "expected the person's own right eye and corner of the mouth, on the image's left: exchange them"
             ),
         )
+        for names, points in ((FACE, self._faces), (LANDMARKS, self._landmarks)):
+            self._check_inside(columns, names, points.reshape(-1, len(names) // 2, 2).mean(axis=1))
         columns.refuse_first(
             # the person's id need not be among the masks: a hidden person has no pixel there
             ~np.isnan(ids) & ((ids != np.floor(ids)) | (ids <= 0) | (ids >= 2**16)),
@@ -205,6 +207,18 @@ class HeadTable:
             has_area = (boxes[:, 0] < boxes[:, 2]) & (boxes[:, 1] < boxes[:, 3])
             why = f"{', '.join(names)}: expected a box with an area"
             columns.refuse_first(~(has_area | np.isnan(boxes[:, 0])), lambda row, why=why: why)  # type: ignore[misc]
+
+    def _check_inside(self, columns: TableColumns, names: Sequence[str], middles: NDArray[np.float64]) -> None:
+        """Check that the middles (n, 2) of most faces, NaN where unknown, are in the heads' boxes."""
+        is_outside = ((middles < self._boxes[:, :2]) | (middles > self._boxes[:, 2:])).any(axis=1)
+        outside, faces = np.count_nonzero(is_outside), np.count_nonzero(~np.isnan(middles[:, 0]))
+        columns.refuse_first(
+            is_outside & (2 * outside > faces >= _FEWEST_FACES),
+            lambda row: (
+                f"{names[0]} to {names[-1]}: their middle is outside of the head's box in {outside} of {faces} faces; "
+                "expected pixels of the left image"
+            ),
+        )
 
     def check_size(self, path: Path, width_px: int, height_px: int) -> None:
         """Check that most heads are in an image of this size.

@@ -265,6 +265,24 @@ def test_eyes_that_are_left_and_right_in_the_image_are_refused(swapped: int, tmp
         FileHeads(FileHeadsSettings(root=str(tmp_path)), AnyClip())  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("part", ["face_box_px", "landmarks_px"])
+def test_faces_in_other_pixels_than_their_heads_are_refused(part: str, tmp_path: Path) -> None:
+    """Such as landmarks in shares of the image, or in pixels of the head's crop."""
+    u0, v0, u1, v1 = RIGHT
+    middle = np.array([(u0 + u1) / 2, (v0 + v1) / 2])
+    face = np.array([*(middle - 3), *(middle + 3)])
+    points = middle + np.array([[-2.0, -1], [2, -1], [0, 0], [-1, 2], [1, 2]])
+    own = {"face_box_px": face, "landmarks_px": points}[part]
+    for moved in (own, own / 64):
+        head = Head(box_px=RIGHT, score=1.0, **{part: moved})
+        write_heads(tmp_path / "heads.csv", [(70, f"p{number}", head) for number in range(5)])
+        if moved is own:
+            FileHeads(FileHeadsSettings(root=str(tmp_path)), AnyClip())  # type: ignore[arg-type]
+        else:
+            with pytest.raises(VfoaError, match=r"heads\.csv:2: .*outside of the head's box in 5 of 5 faces"):
+                FileHeads(FileHeadsSettings(root=str(tmp_path)), AnyClip())  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("text", "line"),
     [
