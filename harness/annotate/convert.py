@@ -34,6 +34,7 @@ from harness.labels.labels import (
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, read_clip_records
+from harness.score.verdicts import name_probabilities
 from harness.sources import FilmClip
 from vfoa.errors import VfoaError, check_known, counted
 
@@ -285,11 +286,8 @@ def predicted_labels(records: ClipRecords, names: Collection[str]) -> Imported:
 
 def _label(record: FrameRecord, person: SubjectRecord, name: str, names: Collection[str]) -> tuple[Label, float]:
     """The label, and the probability of the prediction."""
-    totals = {attention.instance_id: attention.total for attention in person.attention}
-    if person.focus is None:
-        return Label(target=NOWHERE, is_suggested=True), max(0.0, 1 - sum(totals.values()))
-    target = record.target(person.focus).name
-    probability = min(totals.get(person.focus, 0.0), 1.0)
+    target = NOWHERE if person.focus is None else record.target(person.focus).name
+    probability = min(name_probabilities(record, person).get(target, 0.0), 1.0)
     if target == name or target not in {*names, *RESERVED}:
         return Label(target=IGNORED, note=f"predicted {target}", is_suggested=True), probability
     return Label(target=target, is_suggested=True), probability

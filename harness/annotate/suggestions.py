@@ -14,7 +14,7 @@ from statistics import median
 from harness.clips.manifest import ClipManifest
 from harness.labels.labels import NOWHERE
 from harness.run.results import read_clip_records
-from harness.score.verdicts import probabilities
+from harness.score.verdicts import name_probabilities
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,9 +149,7 @@ class Predictions:
             return None
         target = NOWHERE if person.focus is None else record.target(person.focus).name
         if self._has_probabilities:
-            chances = defaultdict[str, float](float)
-            for number, chance in probabilities(person).items():
-                chances[NOWHERE if number is None else record.target(number).name] += chance
+            chances = name_probabilities(record, person)
             attention = chances.pop(target, 0.0)
             return Prediction(target=target, attention=attention, margin=attention - max(chances.values(), default=0.0))
         if person.focus is None:

@@ -36,7 +36,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from harness.labels.labels import Label
+from harness.labels.labels import NOWHERE, Label
 from harness.run.manifest import AnswerTraits
 from harness.run.records import BoxPx, FrameRecord, SubjectRecord, TargetRecord
 from vfoa.scoring import ANOTHER, NO_HIT, NO_PREDICTION
@@ -169,6 +169,15 @@ def probabilities(subject: SubjectRecord) -> dict[int | None, float]:
     chances: dict[int | None, float] = {value.instance_id: value.total for value in subject.attention}
     chances[None] = max(0.0, 1 - sum(chances.values()))
     return chances
+
+
+def name_probabilities(record: FrameRecord, subject: SubjectRecord) -> dict[str, float]:
+    """The probability of each name, that of all objects which have it, and of :data:`NOWHERE`."""
+    by_name: dict[str, float] = {}
+    for number, chance in probabilities(subject).items():
+        name = NOWHERE if number is None else record.target(number).name
+        by_name[name] = by_name.get(name, 0.0) + chance
+    return by_name
 
 
 def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...]:

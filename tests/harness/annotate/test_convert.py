@@ -112,6 +112,15 @@ def test_predictions_are_suggestions_with_their_probability(tmp_path: Path) -> N
     )
 
 
+def test_the_probability_of_a_name_is_that_of_all_its_objects(tmp_path: Path) -> None:
+    birds = [target_record(1, "bird"), target_record(2, "bird")]
+    record = frame_record(birds, [subject_record("girl", totals={1: 0.4, 2: 0.35}, focus=1)])
+    traits = {record.configuration: {"probabilistic": True, "says_nowhere": True}}
+    of_records.write_run(tmp_path, [record], methods=traits)
+    (row,) = predicted_labels(read_clip_records(tmp_path, record.clip, None), TARGETS).labels.ranges
+    assert row.label.note == "probability 0.75"
+
+
 def test_predictions_are_at_the_times_of_the_film_that_shows_the_clip(tmp_path: Path) -> None:
     run = write_run(tmp_path, ["bird"] * 3, films={"left.mp4": 1.2})
     ((path, _),) = export_predictions(run, "elan")
