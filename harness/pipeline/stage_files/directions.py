@@ -42,6 +42,8 @@ _LENGTH_TOLERANCE = 0.01
 _MOST_RAD = 2 * math.pi
 _MANY_ROWS, _QUARTER_TURN_RAD = 20, 1.58
 """Rows of which some are further than this, in degrees, from looking into the camera; in radians most are not."""
+_LARGEST_SIGMA_RAD = math.radians(30)
+"""No model of faces claims an error of so few degrees."""
 
 
 class FileDirectionSettings(Settings):
@@ -93,7 +95,8 @@ class _FileDirections:
             lambda row: f"subject {table.subjects[row]!r} has no head in frame {table.frames[row]} of {heads}",
         )
         self._angles, self._directions, self._sigmas = _angles(table, self.angles), _directions(table), _sigmas(table)
-        _check_degrees(table, self.angles)
+        _check_degrees(table, self.angles, _QUARTER_TURN_RAD)
+        _check_degrees(table, ["sigma"], _LARGEST_SIGMA_RAD)
         has_angles, has_direction = ~np.isnan(self._angles[:, 0]), ~np.isnan(self._directions[:, 0])
         in_degrees = ", ".join(f"{name}_deg" for name in self.angles)
         table.columns.refuse_first(
@@ -189,12 +192,12 @@ def _angles(table: FrameTable, names: Sequence[str]) -> Float:
     return np.where(in_degrees, np.radians(degrees), radians)
 
 
-def _check_degrees(table: FrameTable, names: Sequence[str]) -> None:
-    """Raise a :class:`VfoaError` for degrees that are probably radians: many rows, and all look into the camera."""
+def _check_degrees(table: FrameTable, names: Sequence[str], most_rad: float) -> None:
+    """Raise a :class:`VfoaError` for degrees that are probably radians: many rows, and none above ``most_rad``."""
     columns = [f"{name}_deg" for name in names]
     degrees = np.abs(table.columns.group(columns))
     count, most = np.count_nonzero(~np.isnan(degrees[:, 0])), np.nanmax(degrees, initial=0.0)
-    if count >= _MANY_ROWS and 0 < most <= _QUARTER_TURN_RAD:
+    if count >= _MANY_ROWS and 0 < most <= most_rad:
         raise VfoaError(
             f"{table.columns.path}: {', '.join(columns)}: found at most {most:.3g} in {count} rows; expected degrees, "
             f"or columns of radians ({names[0]}_rad)"

@@ -338,6 +338,19 @@ def test_a_mistake_in_the_gazes_is_found_before_the_first_frame(text: str, line:
     assert "\n" not in str(error.value)
 
 
+def test_claimed_errors_in_radians_that_are_called_degrees_are_refused(tmp_path: Path) -> None:
+    people = [f"p{number}" for number in range(24)]
+    write_heads(tmp_path / "heads.csv", [(70, name, Head(box_px=RIGHT, score=1.0)) for name in people])
+    for sigma in (0.19, 11.0):
+        rows = [f"70,{name},0,0,-1,{sigma}" for name in people]
+        write_text(tmp_path / "gaze.csv", "\n".join(["frame,subject,x,y,z,sigma_deg", *rows]) + "\n")
+        if sigma > 1:
+            _gaze(tmp_path)
+        else:
+            with pytest.raises(VfoaError, match=r"gaze\.csv: sigma_deg: found at most 0\.19 in 24 rows"):
+                _gaze(tmp_path)
+
+
 @pytest.mark.parametrize(("unit", "most"), [("deg", 0.8), ("deg", 25.0), ("rad", 0.8)])
 def test_radians_that_are_called_degrees_are_refused(unit: str, most: float, tmp_path: Path) -> None:
     people = [f"p{number}" for number in range(24)]
