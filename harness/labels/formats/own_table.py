@@ -166,6 +166,11 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
     held = sum(len(exchange.positions(row)) for row in imported.labels.ranges)
     if len(place) == 1 and held >= _SPARSE * max(len(given), 1):
+        if durations := [header[columns[column]] for column in _DURATIONS if column in columns]:
+            raise VfoaError(
+                f"{path}: {place[0]} and {durations[0]}: found rows that are frames apart, and a duration of unknown "
+                "unit; expected last_frame, or in place of the frame time_s"
+            )
         notes.append(
             f"{path}: a row is read as a label of one frame; --until-next: it holds until the person's next one."
         )

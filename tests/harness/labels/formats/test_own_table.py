@@ -420,6 +420,13 @@ def test_labels_of_a_longer_film_stay_seconds(tmp_path: Path, text: str) -> None
     assert [row.label.target for row in labels.ranges] == ["bird"]
 
 
+def test_a_duration_beside_a_frame_is_not_left_out(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"mine\.csv: frame and Duration: .*expected last_frame"):
+        _read(tmp_path, "who,what,frame,Duration\ngirl,bird,1,2\ngirl,cup,5,1\n")
+    of_frames = "".join(f"girl,bird,{frame},0.1\n" for frame in range(1, 6))
+    assert _read(tmp_path, "who,what,frame,Duration\n" + of_frames)[0] == Labels([row(1, 5, "bird")])
+
+
 @pytest.mark.parametrize("ends", ["start_s,end_s", "start,end"])
 def test_minutes_that_a_spreadsheet_took_for_hours_are_refused(tmp_path: Path, ends: str) -> None:
     text = f"subject,target,{ends}\ngirl,bird,0:00:00,0:12:00\ngirl,cup,0:12:00,0:58:00\n"  # typed as 0:12 and 0:58
