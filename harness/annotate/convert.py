@@ -106,28 +106,29 @@ def import_labels(
     with closing(History(manifest, annotator, exchange.timeline)) as history:
         steps = len(imported.drawn.tracks) + bool(new.ranges)
         back = f"brings them back{', step by step' if steps > 1 else ''}"
-        joined = None if replace else _joined(history.labels.content(), new, exchange)
+        joined, twice = _joined(history.labels.content(), new, exchange)
         for path, taken in _taken(history, new, imported.drawn).items():
-            if joined and path == history.labels.path:
+            if not (replace or twice) and path == place:
                 notes.append(f"{path}: the {taken} stay: they are of other frames.")
                 continue
             if not replace:  # labels may have come with the program
                 present = (manifest.annotations.find(annotator) if path == place else None) or path
-                raise VfoaError(f"{present}: has {taken} already; expected --replace, or another --annotator")
+                frame = f", also of frame {exchange.frames[twice[0]]} in {source}" if path == place else ""
+                raise VfoaError(f"{present}: has {taken} already{frame}; expected --replace, or another --annotator")
             notes.append(f"{path}: replaced the {taken}; {undo_command(manifest, annotator)} {back}.")
         for shape in imported.drawn.tracks:
             history.drawing.put_shape(shape)
         if new.ranges:
-            history.labels.put_labels(joined or new, new.subjects)
+            history.labels.put_labels(new if replace else Labels(joined), new.subjects)
     return replace_fields(imported, labels=new, notes=tuple(notes))
 
 
-def _joined(present: Labels, new: Labels, exchange: Exchange) -> Labels | None:
-    """The new labels and the present ones of the same people; None if a frame has both."""
+def _joined(present: Labels, new: Labels, exchange: Exchange) -> tuple[list[LabelRange], list[int]]:
+    """The new labels and the present ones of the same people; and the positions of frames that have both."""
     rows = [row for row in (*present.ranges, *new.ranges) if row.subject in new.subjects]
     labelled = [row for row in rows if not row.label.is_placeholder]
     counts = Counter((row.subject, place) for row in labelled for place in exchange.positions(row))
-    return None if any(count > 1 for count in counts.values()) else Labels(labelled)
+    return labelled, sorted(place for (_, place), count in counts.items() if count > 1)
 
 
 def _check_size(imported: Imported, manifest: ClipManifest, source: Path) -> None:

@@ -130,10 +130,11 @@ def test_an_input_is_not_replaced(
 def test_a_second_file_adds_the_labels_of_other_frames(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def imported(*rows: str, code: int = 0) -> list[str]:
+    def imported(*rows: str, refused: str = "") -> list[str]:
         write_text(folder / "looks.csv", "\n".join(["frame,subject,target", *rows]) + "\n")
         words = ("labels", "import", "looks.csv", "--format", "table", "--clip", CLIP, "--annotator", "new")
-        assert vfoa(monkeypatch, capsys, *words)[0] == code
+        code, _, said = vfoa(monkeypatch, capsys, *words)
+        assert (code, refused in said) == (2 if refused else 0, True)
         return (folder / "annotations" / f"{CLIP}@new.csv").read_text().splitlines()[2:]
 
     imported("1,anna,mug", "4,anna,bear", "1,ben,bowl")
@@ -141,7 +142,7 @@ def test_a_second_file_adds_the_labels_of_other_frames(
     expected = ["1,1,anna,mug,", "1,1,ben,bowl,", "2,2,anna,none,", f"3,3,anna,{todo}", "4,4,anna,bear,"]
     assert imported("2,anna,none", "6,anna,mug") == [*expected, f"5,5,anna,{todo}", "6,6,anna,mug,"]
     before = imported("3,anna,mug")
-    assert imported("6,anna,bowl", "7,anna,bowl", code=2) == before
+    assert imported("6,anna,bowl", "7,anna,bowl", refused="also of frame 6") == before
     assert "3,3,anna,mug," in before
     assert vfoa(monkeypatch, capsys, "labels", "undo", CLIP, "--annotator", "new")[0] == 0
     assert (folder / "annotations" / f"{CLIP}@new.csv").read_text().splitlines()[2:5] == expected[:3]
