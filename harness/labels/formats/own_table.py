@@ -39,6 +39,7 @@ from harness.labels.formats.table_times import (
     MS_PER_UNIT,
     UNITS,
     Cells,
+    check_images,
     check_milliseconds,
     check_minutes,
     check_unit,
@@ -121,6 +122,7 @@ class OwnTable(ReadOnly):
         rows = _of_recording(of_eye_tracker(even_rows(path), path), exchange, path)
         exchange = on_own_clock(rows, _meant(rows[0][1]), exchange)
         rows, notes = with_frames_of_images(rows, _meant(rows[0][1]), exchange, path)
+        check_images(rows, _meant(rows[0][1]), exchange, path)
         imported = from_rows(_by_target(_by_subject(rows, exchange), exchange, path), exchange, path)
         return replace(imported, notes=(*notes, *imported.notes))
 

@@ -255,6 +255,46 @@ def with_frames_of_images(
     return [(line, header), *of_frames], notes
 
 
+def check_images(rows: Sequence[Row], meant: Sequence[str | None], exchange: Exchange, path: Path) -> None:
+    """Reject a frame beside the name of another frame's image, where a clip's frames have the numbers of its images.
+
+    Those of a film, or at a given rate, may be counted from another beginning than its pictures.
+
+    Raises
+    ------
+    VfoaError
+        With the first such row.
+    """
+    (_, header), *lines = rows
+    places = [at for at, name in enumerate(header) if plain_name(name) in (*_OF_IMAGES, *_OF_FILES)]
+    if "frame" not in meant or len(places) != 1:
+        return
+    at, frame = places[0], meant.index("frame")
+    names = {cells[at] for _, cells in lines if not is_missing(cells[at])}
+    is_short = plain_name(header[at]) in _OF_IMAGES
+    if not all(_is_image(name, is_short=is_short) and _frame_number(name) is None for name in names):
+        return
+    own = _before_upload(names)
+    try:
+        of_own, _ = exchange.frames_of_images({*own.values()}, f"{path}: {header[at]}")
+    except VfoaError:  # the names have no numbers of frames
+        return
+    of_images = {name: of_own[own[name]] for name in names}
+    own_numbers = {*exchange.frames}
+    both = [
+        (line, number, cells[at])
+        for line, cells in lines
+        if (number := _frame_number(cells[frame])) is not None and of_images.get(cells[at]) in own_numbers
+    ]
+    is_shifted = (exchange.films or exchange.fps) and len({number - of_images[name] for _, number, name in both}) == 1
+    for line, number, name in [] if is_shifted else both:
+        if number != of_images[name]:
+            raise VfoaError(
+                f"{path}:{line}: {header[frame]} and {header[at]}: found {number} and {name}, which is that of frame "
+                f"{of_images[name]}; expected the same frame, or one of the two columns"
+            )
+
+
 def _is_time(column: str | None) -> bool:
     return column is not None and column.endswith(_TIMES)
 

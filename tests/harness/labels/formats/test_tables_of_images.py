@@ -97,6 +97,37 @@ def test_images_that_are_no_frames_are_refused(tmp_path: Path, text: str, said: 
         _read(tmp_path, text)
 
 
+EVERY_OTHER = {1: "bird", 2: "ignore", 3: "bird"}
+
+
+def _by_frame(labels: Labels) -> dict[int, str]:
+    return {each.first_frame: each.label.target for each in labels.ranges}
+
+
+def test_a_frame_beside_another_image_is_refused(tmp_path: Path) -> None:
+    text = "image,frame,who,label\nleft_0001.png,1,girl,bird\nleft_0003.png,{n},girl,bird\n"
+    assert _by_frame(_read(tmp_path, text.format(n=3))) == EVERY_OTHER
+    with pytest.raises(VfoaError, match=r"mine\.csv:3: frame and image: found 2 and left_0003\.png, .*frame 3"):
+        _read(tmp_path, text.format(n=2))
+
+
+@pytest.mark.parametrize(
+    ("text", "more"),
+    [
+        ("image_id,frame,who,label\n4,1,girl,bird\n2,3,girl,bird\n", {}),  # numbers are no names
+        ("image,frame,who,label\n171.png,1,girl,bird\n173.png,3,girl,bird\n", {}),  # of no frame of the clip
+        ("image,frame,who,label\na1_2.png,1,girl,bird\na2_3.png,3,girl,bird\n", {}),
+        ("image,frame,who,label\n2.png,1,girl,bird\n4.png,3,girl,bird\n", {"films": {"talk.mp4": 0.0}}),
+        ("image,frame,who,label\n2.png,1,girl,bird\n4.png,3,girl,bird\n", {"fps": 10.0}),
+    ],
+)
+def test_images_that_may_be_those_of_their_frames_are_not_compared(
+    tmp_path: Path, text: str, more: dict[str, object]
+) -> None:
+    clip = PlainClip(frames=range(5), rate_hz=10.0)
+    assert _by_frame(_read(tmp_path, text, clip, **more)) == EVERY_OTHER
+
+
 FILM = PlainClip(frames=range(5), rate_hz=10.0)
 
 
