@@ -42,6 +42,7 @@ class AnnotationCsv:
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read a file with the manifest's own names, or those that are renamed to them."""
+        _check_own(exchange, path)
         if not read_text(path).startswith(VERSION_LINE.rpartition(" ")[0]):
             raise VfoaError(f"{path}:1: expected {VERSION_LINE!r}; for a table of your own, add --format table")
         labels = read_annotations(
@@ -57,9 +58,20 @@ class AnnotationCsv:
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
         """Write the canonical form, without people whom the manifest does not name."""
+        _check_own(exchange, path)
         write_annotations(path, Labels(row for row in labels.ranges if row.subject in exchange.subjects))
         others = [name for name in labels.subjects if name not in exchange.subjects]
         return (f"labels of {', '.join(others)} are left out: no subject of the clip.",) if others else ()
+
+
+def _check_own(exchange: Exchange, path: Path) -> None:
+    """Reject a rate and an offset: the file has the clip's own frames and times."""
+    for option, value in (("--fps", exchange.fps), ("--offset", exchange.offset)):
+        if value is not None:
+            raise VfoaError(
+                f"{path}: {option} {value:g}: no effect on --format csv, which has the clip's own frames and times; "
+                f"expected it without {option} (a table of another program: --format table)"
+            )
 
 
 FORMATS = Registry(

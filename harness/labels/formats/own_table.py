@@ -144,6 +144,12 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     columns, times = without_times(columns, lines, exchange, path)
     left_out += [header[at] for at in times]
     place = _place(columns, left_out, f"{path}:{line}", _ONSETS if exchange.until_next else _PLACES)
+    is_own = place[0] in ("frame", "first_frame") and exchange.fps is None
+    if is_own and exchange.offset is not None and not times:
+        raise VfoaError(
+            f"{path}: --offset {exchange.offset:g}: no effect on {place[0]}, the clip's own numbers; expected --fps "
+            "RATE with it (numbers of another program, from 0), or no --offset"
+        )
     if len(place) == 1:
         left_out += [header[columns[column]] for column in _DURATIONS if column in columns]
     if "subject" not in columns and len(exchange.subjects) != 1:
@@ -160,7 +166,6 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     if place[0] in ("start_ms", "time_ms"):
         check_milliseconds(known, place, exchange, path)
     if exchange.until_next:
-        is_own = place[0] in ("frame", "first_frame") and exchange.fps is None
         known, place = until_next(
             given, known, place[0], exchange, None if is_own else _timeline(place[0], exchange, path)
         )

@@ -35,11 +35,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["elan", "csv"])
+@pytest.mark.parametrize(("name", "more"), [("elan", ("--offset", "3")), ("csv", ())])
 def test_labels_go_out_and_come_back(
-    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str, more: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    where = ("--format", name, "--offset", "3")
+    where = ("--format", name, *more)
     assert vfoa(monkeypatch, capsys, "labels", "export", CLIP, "out", *where)[0] == 0
     code, out, _ = vfoa(monkeypatch, capsys, "labels", "import", "out", "--clip", CLIP, "--annotator", "cat", *where)
     assert code == 0
@@ -353,6 +353,11 @@ def test_a_wrong_format_is_told_by_the_files_name(
             "--rename: 'x' is given twice",
         ),
         (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
+        (("export", CLIP, "out.csv", "--format", "csv", "--fps", "5"), "out.csv: --fps 5: no effect"),
+        (
+            ("import", f"annotations/{CLIP}@anna.csv", "--format", "csv", "--clip", CLIP, "--offset", "3"),
+            f"{CLIP}@anna.csv: --offset 3: no effect",
+        ),
         (
             ("agreement", CLIP, "anna"),
             "labels: found those of anna alone; expected two annotators: --annotator NAME of `vfoa annotate`",

@@ -420,6 +420,18 @@ def test_labels_of_a_longer_film_stay_seconds(tmp_path: Path, text: str) -> None
     assert [row.label.target for row in labels.ranges] == ["bird"]
 
 
+@pytest.mark.parametrize(
+    ("columns", "more"), [("frame", {}), ("frame", {"until_next": True}), ("first_frame,last_frame", {})]
+)
+def test_an_offset_of_the_clip_s_own_frame_numbers_is_refused(
+    tmp_path: Path, columns: str, more: dict[str, object]
+) -> None:
+    text = f"who,what,{columns}\ngirl,bird,{','.join('2' for _ in columns.split(','))}\n"
+    with pytest.raises(VfoaError, match=r"mine\.csv: --offset 0\.1: no effect .*--fps"):
+        _read(tmp_path, text, offset=0.1, **more)
+    assert _read(tmp_path, text, offset=0.1, fps=10.0, **more)[0].ranges[0].first_frame == 2
+
+
 def test_a_duration_beside_a_frame_is_not_left_out(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"mine\.csv: frame and Duration: .*expected last_frame"):
         _read(tmp_path, "who,what,frame,Duration\ngirl,bird,1,2\ngirl,cup,5,1\n")
