@@ -18,6 +18,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -169,6 +170,8 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
         known, place = until_next(
             given, known, place[0], exchange, None if is_own else _timeline(place[0], exchange, path)
         )
+    elif place == ("first_frame", "last_frame"):
+        _check_included(known)
     imported = _labels(known, place, exchange, path)
     notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
     held = sum(len(exchange.positions(row)) for row in imported.labels.ranges)
@@ -184,6 +187,23 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     if len(with_target) < len(given):
         notes.append(f"{path}: left out: {counted(len(given) - len(with_target), 'row')} without a target.")
     return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
+
+
+def _check_included(rows: Sequence[Cells]) -> None:
+    """Reject rows that end with the frame with which the next one of their subject begins, and none before it."""
+    by_subject = dict[str, list[tuple[int, int, str]]]()
+    for where, cells in rows:
+        first, last = (whole_of(cells[column], f"{where}: {column}") for column in ("first_frame", "last_frame"))
+        by_subject.setdefault(cells.get("subject", ""), []).append((first, last, where))
+    pairs = [(subject, *pair) for subject, found in by_subject.items() for pair in pairwise(sorted(found))]
+    touching = [(subject, before, after) for subject, before, after in pairs if before[1] == after[0]]
+    is_included = any(after[0] in (before[1] + 1, before[0]) or after[0] == after[1] for _, before, after in pairs)
+    if touching and not is_included:
+        subject, before, after = touching[0]
+        raise VfoaError(
+            f"{after[2]}: {subject!r} has two labels in frame {after[0]}: a row ends with it ({before[2]}); last_frame "
+            "is included: expected it less 1 in each row, if rows end before it"
+        )
 
 
 def _labels(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path: Path) -> Imported:

@@ -432,6 +432,18 @@ def test_an_offset_of_the_clip_s_own_frame_numbers_is_refused(
     assert _read(tmp_path, text, offset=0.1, fps=10.0, **more)[0].ranges[0].first_frame == 2
 
 
+@pytest.mark.parametrize("fps", [None, 10.0])
+def test_ranges_that_end_before_their_last_frame_are_told(tmp_path: Path, fps: float | None) -> None:
+    """As those of Python: each ends with the number with which the next one begins, the last one after the clip."""
+    columns, rows = "who,what,start_frame,end_frame\n", ["girl,bird,1,3", "boy,girl,1,6", "girl,cup,3,6"]
+    with pytest.raises(VfoaError, match=r"mine\.csv:4: 'girl' .* frame 3: .*mine\.csv:2.*last_frame is included"):
+        _read(tmp_path, columns + "\n".join(rows), fps=fps)
+    for other in ("girl,cup,2,5", "girl,cup,4,6", "girl,cup,3,3"):
+        with pytest.raises(VfoaError) as refused:
+            _read(tmp_path, columns + "\n".join(["girl,bird,1,3", other, "girl,cup,4,4"]), fps=fps)
+        assert "is included" not in str(refused.value)
+
+
 def test_a_duration_beside_a_frame_is_not_left_out(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"mine\.csv: frame and Duration: .*expected last_frame"):
         _read(tmp_path, "who,what,frame,Duration\ngirl,bird,1,2\ngirl,cup,5,1\n")
