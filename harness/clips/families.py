@@ -41,11 +41,11 @@ def find_manifest(name: str) -> Path:
         If no clip has this name, or several families have it.
     """
     own = names("datasets").get(name)
-    if own and not _clips_of(own):  # most are found without a look at all other files
+    if own and not clips_of(own):  # most are found without a look at all other files
         return own
     files = clip_files()
     if path := files.get(name):
-        having = sorted(file for file in path.parent.glob("*.toml") if name in _clips_of(file))
+        having = sorted(file for file in path.parent.glob("*.toml") if name in clips_of(file))
         if len(having) > 1:
             raise VfoaError(f"{having[0]}: clips.{name}: {having[1].name} has it, too; expected it in one family")
         return path
@@ -60,10 +60,10 @@ def clip_files() -> dict[str, Path]:
     One's own families come before those that came with the program.
     """
     files, own = names("datasets"), folders("datasets")[0]
-    clips_of = {name: _clips_of(path) for name, path in files.items()}
-    own_last = sorted(clips_of, key=lambda family: files[family].parent == own)  # the last one counts
-    of_families = {clip: files[family] for family in own_last for clip in clips_of[family]}
-    return dict(sorted({**of_families, **{name: path for name, path in files.items() if not clips_of[name]}}.items()))
+    members = {name: clips_of(path) for name, path in files.items()}
+    own_last = sorted(members, key=lambda family: files[family].parent == own)  # the last one counts
+    of_families = {clip: files[family] for family in own_last for clip in members[family]}
+    return dict(sorted({**of_families, **{name: path for name, path in files.items() if not members[name]}}.items()))
 
 
 def matching(pattern: str) -> list[str]:
@@ -89,21 +89,21 @@ def is_pattern(name: str) -> bool:
 
 def families() -> dict[str, tuple[str, ...]]:
     """The clips of each family by its name."""
-    return {name: clips for name, path in names("datasets").items() if (clips := _clips_of(path))}
+    return {name: clips for name, path in names("datasets").items() if (clips := clips_of(path))}
 
 
 def family_of(name_or_path: str) -> str:
     """The name of a family of which this is the file, or the same text."""
     path = Path(name_or_path)
     own = names("datasets").get(path.stem) if path.suffix == ".toml" else None
-    return path.stem if own and path.is_file() and path.samefile(own) and _clips_of(own) else name_or_path
+    return path.stem if own and path.is_file() and path.samefile(own) and clips_of(own) else name_or_path
 
 
 _CLIPS = re.compile(r"""^\s*(\[\s*)?["']?clips\b""", re.MULTILINE)
 """A line of a file that may have the table: most have none, and are read faster."""
 
 
-def _clips_of(path: Path) -> tuple[str, ...]:
+def clips_of(path: Path) -> tuple[str, ...]:
     """The clips of a family; none for the manifest of one clip, and for a file that cannot be read."""
     with suppress(VfoaError):
         text = read_text(path)

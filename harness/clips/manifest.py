@@ -16,7 +16,16 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from harness.clips.families import clip_files, families, family_of, find_manifest, is_pattern, matching, member_of
+from harness.clips.families import (
+    clip_files,
+    clips_of,
+    families,
+    family_of,
+    find_manifest,
+    is_pattern,
+    matching,
+    member_of,
+)
 from harness.clips.naming import NameRule, is_automatic
 from harness.files.folders import came_with_program
 from harness.files.garbage import collected_later
@@ -310,7 +319,7 @@ def load_manifest(name_or_path: str | os.PathLike[str], clip: str | None = None)
 
 
 def manifest_of_run(place: str, clip: str, annotator: str | None) -> ClipManifest:
-    """Read the manifest of a run's clip where the run found it or, if it has moved since, by name.
+    """Read the manifest of a run's clip where the run found it or, if it is not there now, by name.
 
     A clip that came with the program can have another manifest of its name by now, a copy with renamed targets. The
     labels are then found beside that one, if there are any by this annotator, and have its names: so it is read.
@@ -326,6 +335,8 @@ def manifest_of_run(place: str, clip: str, annotator: str | None) -> ClipManifes
                 f"no clip {clip!r}: when the run was made it was {place}, which is not there; expected it there, or a "
                 "clip of this name here: if it was renamed, give it and its labels the earlier name, or run it again"
             )
+        return load_manifest(clip)
+    if (members := clips_of(Path(place))) and clip not in members and clip in clip_files():
         return load_manifest(clip)
     then = load_manifest(place, clip)
     if came_with_program(then.path) and (now := load_manifest(clip)).annotations.find(annotator):

@@ -289,6 +289,18 @@ def test_labels_among_the_files_count_until_there_are_annotations(
     assert manifest.annotations.find() == own
 
 
+def test_a_runs_clip_that_was_taken_out_of_its_family_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    family = write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
+    assert manifest_of_run(str(family), "talk_2", None).path == family
+    write_text(family, "".join(line for line in FAMILY.splitlines(keepends=True) if "ben" not in line))
+    with pytest.raises(VfoaError, match=r"talks\.toml: no clip 'talk_2'"):
+        manifest_of_run(str(family), "talk_2", None)
+    text = 'name = "talk_2"\nadapter = "measured"\nroot = "mine"\n'
+    own = write_text(tmp_path / "datasets" / "talk_2.toml", text)
+    assert manifest_of_run(str(family), "talk_2", None).path == own
+
+
 def test_a_runs_clip_that_was_renamed_says_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(VfoaError, match=rf"^no clip 'talk': .*{tmp_path}/datasets/talk\.toml"):
