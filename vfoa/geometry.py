@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfoa.recent import Recent
-from vfoa.types import Box3D, Float, Mask, StereoRig
+from vfoa.types import Box3D, Float, StereoRig
 
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
@@ -390,14 +390,6 @@ def entry_distances(origins_left: Float, directions: Float, boxes: Boxes) -> Flo
     along = directions @ boxes.cube_from_left.transpose(3, 0, 2, 1)
     entry, leave = _slabs(boxes.in_cubes(origins_left).transpose(2, 0, 1)[:, :, None, :], along)
     return np.where(leave >= entry, entry, np.nan)
-
-
-def meets_own_box(origin_left: Float, left_from_rays: Float, rays: Float, boxes: Sequence[Box3D]) -> Mask:
-    """Whether each of K rays of each box meets it (T, K), for rays (T, 3, K) in axes (T, 3, 3) of each box's own."""
-    known = stacked(boxes)
-    along = (left_from_rays.transpose(0, 2, 1) @ known.cube_from_left).transpose(0, 2, 1) @ rays
-    entry, leave = _slabs(known.in_cubes(origin_left).T[:, :, None], along.transpose(1, 0, 2))
-    return np.asarray(leave >= entry)
 
 
 def _slabs(origin: Float, along: Float) -> tuple[Float, Float]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import compress
+from itertools import pairwise
 
 import numpy as np
 
-from vfoa.geometry import length_of, meets_own_box, outlines
+from vfoa.geometry import NEAREST_M, length_of, outlines, stacked, unit
 from vfoa.recent import Recent
 from vfoa.types import Box3D, Float, Target
 
@@ -17,7 +16,24 @@ FACE_RADIUS_M = 0.07
 """Spread of looks at a face about the point between its eyes, per direction: eyes, nose and mouth."""
 
 RAYS = 128
-"""Number of rays to a target."""
+"""Number of rays to a target's cloud."""
+
+_RING = ((0, 0), (1, 0), (1, 1), (0, 1))
+_FACES = [
+    [side << (2 - axis) | i << (2 - (axis + 1) % 3) | j << (2 - (axis + 2) % 3) for i, j in ring]
+    for side, ring in ((1, _RING), (0, _RING[::-1]))
+    for axis in range(3)
+]
+"""The places, among a box's corners, of those of each face, clockwise as seen from within; +x, +y, +z, -x, -y, -z."""
+_TRIANGLES = np.array([triangle for a, b, c, d in _FACES for triangle in ((a, b, c), (a, c, d))]).T
+"""Those of two triangles of each face (3, 12)."""
+_EDGES = np.array([(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() == 1]).T
+"""Those of each edge's ends (2, 12)."""
+_SIDES = [{*pairwise([*face, face[0]])} for face in _FACES]
+_FACES_OF_EDGES = np.array([[((b, a) in of_face) - ((a, b) in of_face) for a, b in _EDGES.T] for of_face in _SIDES])
+"""Whether an edge is a side of a face (6, 12): 1 in its direction, -1 against it."""
+_LEAST_LENGTH = 1e-6
+"""A shorter mean has no direction: the rays go all around."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,28 +69,25 @@ def _visible_targets(
 ) -> VisibleTargets:
     seen = {target.instance.id: target for target in targets if target.box and (not clouds or len(target.points_left))}
     boxes = tuple(target.box for target in seen.values() if target.box is not None)
-    if clouds:
-        means = _mean_rays_to_clouds(origin, tuple(seen.values()), RAYS)
-    else:
-        means = _mean_rays_to_boxes(origin, boxes, RAYS)
-    reached = np.isfinite(means[:, 0])
-    ids, means = tuple(compress(seen, reached)), means[reached]
+    means = _mean_rays_to_clouds(origin, tuple(seen.values())) if clouds else _mean_rays_to_boxes(origin, boxes)
     # the mean of unit rays is shorter by half of their mean squared chord about its direction
     lengths = length_of(means)
-    directions, variances = means / lengths[:, None], 1 - lengths
-    for row, number in enumerate(ids):
+    is_around = lengths < _LEAST_LENGTH
+    means[is_around] = outlines(origin, boxes).axes[is_around, :, 2]
+    directions, variances = unit(means), np.maximum(1 - lengths, 0)
+    for row, number in enumerate(seen):
         towards = eyes.get(number, origin) - origin
         if (distance := length_of(towards)) > 0:
             directions[row], variances[row] = towards / distance, (FACE_RADIUS_M / distance) ** 2
-    return VisibleTargets(ids=ids, directions=directions, variances=variances)
+    return VisibleTargets(ids=tuple(seen), directions=directions, variances=variances)
 
 
-def _mean_rays_to_clouds(origin: Float, targets: tuple[Target, ...], count: int) -> Float:
-    """Means (T, 3) of the unit rays to ``count`` points of each cloud."""
-    points = np.stack([spaced(target.points_left, count) for target in targets]) - origin
+def _mean_rays_to_clouds(origin: Float, targets: tuple[Target, ...]) -> Float:
+    """Means (T, 3) of the unit rays to :data:`RAYS` points of each cloud."""
+    points = np.stack([spaced(target.points_left, RAYS) for target in targets]) - origin
     square = np.einsum("tnc,tnc->tn", points, points)
     per_length = 1 / np.sqrt(np.maximum(square, np.finfo(float).tiny))
-    return np.asarray((per_length[:, None] @ points)[:, 0] / count)
+    return np.asarray((per_length[:, None] @ points)[:, 0] / RAYS)
 
 
 def spaced(points: np.ndarray, count: int) -> Float:
@@ -87,37 +100,40 @@ def spaced(points: np.ndarray, count: int) -> Float:
     return points.astype(np.float64)
 
 
-def _mean_rays_to_boxes(origin: Float, boxes: tuple[Box3D, ...], count: int) -> Float:
-    """Means (T, 3) of the unit rays that meet each box, NaN for a box that none meets.
+def _mean_rays_to_boxes(origin: Float, boxes: Sequence[Box3D]) -> Float:
+    """Means (T, 3) of the unit rays from ``origin`` (3,) that meet each box, even over all directions that do.
 
-    The rays are even over the narrowest cap about the centre of the box that holds its corners: the whole sphere for a
-    box that holds the eyes, or reaches half around them.
+    The faces that are turned to the origin cover these directions. The integral of unit vectors over them is half the
+    sum, over the sides of their outline, of the angle of each times its normal (Lambert's formula; Arvo, "Applications
+    of Irradiance Tensors to the Simulation of Non-Lambertian Phenomena", SIGGRAPH 1995). All rays from within a box
+    meet it: the mean is 0.
     """
-    seen = outlines(origin, boxes)
-    right, down, ahead = seen.corners.T
-    reach, axes = np.arctan2(np.hypot(right, down), ahead).max(axis=0), seen.axes
-    is_around = reach >= np.pi / 2
-    if is_around.any():
-        reach[is_around], axes = np.pi, np.where(is_around[:, None, None], np.eye(3), axes)
-    rays = _lattices(reach, count)
-    met = meets_own_box(origin, axes, rays, boxes)
-    counts = met.sum(axis=1)[:, None]
-    means = (rays @ met[..., None])[..., 0] / np.where(counts, counts, np.nan)
-    return np.asarray((axes @ means[..., None])[..., 0])
+    known = stacked(boxes)
+    at = known.in_cubes(origin)
+    is_turned = np.concatenate([at >= 1, at <= -1], axis=1).astype(np.float64)
+    corners = known.corners - origin
+    rays = (corners / np.maximum(length_of(corners), NEAREST_M)[..., None]).transpose(2, 0, 1)
+    begins, ends = rays[..., _EDGES[0]], rays[..., _EDGES[1]]
+    normals = _cross(begins, ends)
+    sines = np.sqrt((normals**2).sum(axis=0))
+    angles = np.arctan2(sines, (begins * ends).sum(axis=0))
+    sides = (is_turned @ _FACES_OF_EDGES) * angles / np.where(sines > 0, sines, 1)
+    integral = (sides * normals).sum(axis=2).T / 2
+    solid_angle = (is_turned * _solid_angles(rays)).sum(axis=1)[:, None]
+    return np.asarray(np.divide(integral, solid_angle, out=np.zeros_like(integral), where=solid_angle > 0))
 
 
-def _lattices(reach_rad: Float, count: int) -> Float:
-    """Fibonacci lattices (T, 3, K) over caps about (0, 0, 1), the first ray of each."""
-    share, turns = _spiral(count)
-    below = share * (1 - np.cos(reach_rad[:, None]))
-    rays = np.sqrt(below * (2 - below))[:, None] * turns
-    rays[:, 2] = 1 - below
-    return np.asarray(rays)
+def _solid_angles(rays: Float) -> Float:
+    """Solid angles (T, 6) of the faces of T boxes, of two triangles each; ``rays`` (3, T, 8) are to their corners.
+
+    Van Oosterom and Strackee, IEEE Transactions on Biomedical Engineering 30, 1983.
+    """
+    first, second, third = (rays[..., places] for places in _TRIANGLES)
+    volume = np.abs((first * _cross(second, third)).sum(axis=0))
+    cosines = (first * second + second * third + third * first).sum(axis=0)
+    return np.asarray(2 * np.arctan2(volume, 1 + cosines).reshape(-1, 6, 2).sum(axis=2))
 
 
-@lru_cache(maxsize=4)
-def _spiral(count: int) -> tuple[Float, Float]:
-    """The share (K,) of the height of the cap below its top, and the direction (3, K) aside, of each ray."""
-    number = np.arange(count)
-    angle = np.pi * (3 - np.sqrt(5)) * number
-    return number / (count - 1), np.array([np.cos(angle), np.sin(angle), np.zeros(count)])
+def _cross(a: Float, b: Float) -> Float:
+    """Vector products (3, ...): the numbers of ``np.cross`` in a fifth of its time."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -47,11 +47,11 @@ def seeds_table(scores: Scores, seeds: int) -> Table:
         words=1,
         rows=tuple(_row(name, by_seed) for name, by_seed in comparisons.items()),
         notes=(
-            f"`vfoa demo` under {seeds} seeds of the errors of gaze and head, each judged alone: sign flips by clip "
+            f"vfoa demo under {seeds} seeds of the errors of gaze and head, each judged alone: sign flips by clip "
             f"over {next(iter(comparisons.values()))[0].clips} clips, corrected for {len(comparisons)} comparisons. "
             "Shown: seeds under which the effect is significant.",
             "Ruled out: seeds whose interval does not hold the paper's difference or more.",
-            "Written by `python -m scripts.measure demo_seeds`.",
+            "Written by python -m scripts.measure demo_seeds.",
         ),
     )
 

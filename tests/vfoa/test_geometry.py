@@ -26,7 +26,6 @@ from vfoa.geometry import (
     head_direction_crop,
     left_from_crop,
     lowered,
-    meets_own_box,
     on_the_way,
     outlines,
     perturb,
@@ -332,10 +331,6 @@ def test_rays_enter_boxes_where_they_first_meet_a_face(seed):
     origin, directions = rng.normal(size=3), unit(rng.normal(size=(20, 3)))
     expected = [[first_face(origin, direction, box) for box in boxes] for direction in directions]
     np.testing.assert_allclose(entry_distance(origin, directions, boxes), expected, atol=1e-9)
-    axes = left_from_crop(vectors(seed + 1, 4))
-    rays = (directions.reshape(4, 5, 3) @ axes).transpose(0, 2, 1)
-    own = meets_own_box(origin, axes, rays, boxes)
-    np.testing.assert_array_equal(own, np.isfinite([np.array(expected)[5 * k : 5 * k + 5, k] for k in range(4)]))
 
 
 @given(SEEDS)
