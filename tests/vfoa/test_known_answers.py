@@ -7,6 +7,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,7 @@ from vfoa.methods import MethodSettings
 from vfoa.nearest import NearestSettings
 from vfoa.pipeline import Attending, AttendSettings
 from vfoa.tracking import Tracked
-from vfoa.types import FrameResult, Scene
+from vfoa.types import Box3D, FrameResult, Person, Scene
 
 FILE = Path(__file__).with_name("known_answers.json")
 
@@ -84,12 +86,38 @@ def conversation(frames: int = 14) -> list[Scene]:
     return scenes
 
 
-def answers() -> Known:
+_MIRROR = np.diag([-1.0, 1, 1])
+
+
+def in_a_mirror(scene: Scene) -> Scene:
+    """The scene with right and left exchanged."""
+
+    def box(it: Box3D) -> Box3D:
+        return Box3D(
+            center_m=_MIRROR @ it.center_m,
+            half_size_m=it.half_size_m,
+            left_from_box=_MIRROR @ it.left_from_box @ _MIRROR,
+        )
+
+    def person(it: Person) -> Person:
+        gaze, head, eyes = it.view.gaze, it.view.head_pose, it.eye_origin_left
+        return make_person(
+            eyes=None if eyes is None else _MIRROR @ eyes,
+            gaze=None if gaze is None else _MIRROR @ gaze.direction,
+            head=None if head is None else _MIRROR @ head.direction,
+            instance_id=it.instance_id,
+        )
+
+    targets = tuple(replace(each, box=each.box and box(each.box)) for each in scene.targets)
+    return replace(scene, targets=targets, people=tuple(map(person, scene.people)))
+
+
+def answers(scenes: Iterable[Scene]) -> Known:
     """The answers of every method, attending one after the other to each frame."""
     tracked = Tracked(ids=(1, 2), open=frozenset({1, 2}))
     attending = {name: Attending(AttendSettings(attention=settings)) for name, settings in METHODS.items()}
     results: dict[str, list[FrameResult]] = {name: [] for name in METHODS}
-    for scene in conversation():
+    for scene in scenes:
         for name, each in attending.items():
             results[name] += each.step(scene, tracked)
     return {
@@ -104,7 +132,12 @@ def answers() -> Known:
 
 @pytest.fixture(scope="module")
 def found() -> Known:
-    return answers()
+    return answers(conversation())
+
+
+@pytest.fixture(scope="module")
+def mirrored() -> Known:
+    return answers(map(in_a_mirror, conversation()))
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -116,6 +149,13 @@ def test_the_answers_are_the_known_ones(name: str, found: Known) -> None:
         assert totals == pytest.approx(expected, abs=1e-12, rel=0)
 
 
+@pytest.mark.parametrize("name", METHODS)
+def test_the_answers_are_the_same_in_a_mirror(name: str, found: Known, mirrored: Known) -> None:
+    assert [focus for focus, _ in mirrored[name]] == [focus for focus, _ in found[name]]
+    for (_, totals), (_, expected) in zip(mirrored[name], found[name], strict=True):
+        assert totals == pytest.approx(expected, abs=1e-12, rel=0)
+
+
 if __name__ == "__main__":
-    lines = (f"{json.dumps(name)}: {json.dumps(of_method)}" for name, of_method in answers().items())
+    lines = (f"{json.dumps(name)}: {json.dumps(of_method)}" for name, of_method in answers(conversation()).items())
     FILE.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
