@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import combinations, groupby
 from pathlib import Path
@@ -130,19 +131,36 @@ def compare_runs(runs: Sequence[Path], baseline: Path | None = None, where: Sequ
         pairs = [pair for pair in combinations(places, 2) if places[pair[0]][1] == places[pair[1]][1]]
         order = list(dict.fromkeys(configuration for _, configuration in places.values()))
         pairs.sort(key=lambda pair: order.index(places[pair[0]][1]))
-        comparisons = compare_pairs(frames, pairs) if pairs else compare(frames)
+        with _annotators_named(folders):
+            comparisons = compare_pairs(frames, pairs) if pairs else compare(frames)
     else:
         pairs = [
             (_counterpart(run, name, baseline, places), _named(run, name))
             for run, name in places.values()
             if run != baseline
         ]
-        comparisons = compare_pairs(frames, pairs)
+        with _annotators_named(folders):
+            comparisons = compare_pairs(frames, pairs)
         for comparison in comparisons:
             if comparison.n == 0:
                 run, name = places[comparison.configuration]
                 raise VfoaError(f"{run}: configuration {name!r} has no scored frame in common with {baseline}")
     return ComparedRuns(scores=scores, comparisons=comparisons, places=places)
+
+
+@contextmanager
+def _annotators_named(runs: Sequence[Path]) -> Iterator[None]:
+    """End the messages of errors in the block with the annotators of the runs' labels, if they differ."""
+    try:
+        yield
+    except VfoaError as error:
+        of_runs = {run: RunDirectory(run).read_manifest().scored_annotator for run in runs}
+        if len({*of_runs.values()}) == 1:
+            raise
+        said = "; ".join(
+            f"{run}: the clip's" if who is None else f"{run}: those of {who!r}" for run, who in of_runs.items()
+        )
+        raise VfoaError(f"{error} ({said}; `vfoa score RUN --annotator NAME` scores against others)") from None
 
 
 def _named(run: Path, configuration: str) -> str:

@@ -9,6 +9,7 @@ import pytest
 
 from harness.report.compared_runs import changes_table, compared_lines, ranking_table
 from harness.score.compared_runs import ComparedRuns, compare_runs
+from tests.disk import write_text
 from tests.records import answers, write_clip, write_run
 from vfoa.errors import VfoaError
 
@@ -128,6 +129,16 @@ def test_a_baseline_is_ranked_and_compared_by_name() -> None:
     assert _named(compared) == [("a/two", "b/two")]
     assert [row.name for row in compared.ranked()] == ["a/one", "b/two", "a/two"]
     assert compared.uncompared == ["a/one"]
+
+
+def test_runs_that_are_scored_against_other_annotators_are_named() -> None:
+    _run("a", {"one": _right(*ALL)})
+    clip = write_clip(Path.cwd(), "table", TRUTH)
+    theirs = Path("annotations", "table.csv").read_text().replace("1,1,girl,cup", "1,1,girl,none")
+    write_text(Path("annotations", "table@anna.csv"), theirs)
+    write_run(Path("b"), answers(_right(1, 2), clip="table", configuration="one"), clips=[clip], annotator="anna")
+    with pytest.raises(VfoaError, match=r"^a/one and b/one: .*frame 1: .*same labels \(a: the clip's; b: .*'anna'; "):
+        compare_runs([Path("a"), Path("b")])
 
 
 def test_runs_under_other_numbers_of_seeds_are_named() -> None:
