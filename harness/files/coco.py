@@ -13,6 +13,7 @@ the middle of the first one is 0.5.
 from __future__ import annotations
 
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -97,7 +98,7 @@ def read_coco(path: Path) -> CocoFile:
     """
     data = read_bytes(path)
     try:
-        if data.lstrip()[:1] == b"[":
+        if data.removeprefix(BOM_UTF8).lstrip().startswith(b"["):
             return CocoFile(images=[], categories=[], annotations=parse_json_as(list[CocoAnnotation], data, path))
         file = parse_json_as(CocoFile, data, path)
     except VfoaError as error:

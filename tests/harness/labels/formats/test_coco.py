@@ -193,14 +193,15 @@ def test_a_wrong_file_is_named_with_its_place(tmp_path: Path, content: str, word
     assert [word for word in words if word not in str(error.value)] == []
 
 
-def test_boxes_of_a_detector_s_results_are_drawn(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_boxes_of_a_detector_s_results_are_drawn(tmp_path: Path, mark: str) -> None:
     """Of COCO's categories; the id of an image is its number, or its name without the suffix."""
     results = [
         {"image_id": image, "category_id": number, "bbox": [left, 2.5, 10, 4], "score": score}
         for image, number, left, score in [(3, 16, 1, 0.9), (3, 47, 7, 0.8), (3, 16, 30, 0.2), (5, 16, 3, 0.7)]
     ]
     for named in (results, [{**each, "image_id": f"frame_{each['image_id']:06d}"} for each in results]):
-        imported = Coco().read(write_text(tmp_path / "results.json", json.dumps(named)), exchange(PlainClip()))
+        imported = Coco().read(write_text(tmp_path / "results.json", mark + json.dumps(named)), exchange(PlainClip()))
         found = lefts(imported, "bird")
         assert [found.get(frame) for frame in (2, 3, 5, 9)] == [None, 1, 3, 3]
         assert 3 in lefts(imported, "cup")
