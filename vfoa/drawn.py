@@ -7,7 +7,9 @@ band   pixels of the whole box within a margin of that depth belong to the objec
 
 The margin is a share of the depth (stereo is less exact farther away) or, if that is more, a share of the box's shorter
 side in metres (an object is about as deep as it is wide or high). A point is a small disc, a head the ellipse in its
-box. Pixels of unknown depth belong to nothing: they could not become points of a cloud.
+box. Pixels of unknown depth belong to nothing: they could not become points of a cloud. But a shape that has no depth
+in a frame is all of its pixels that the model leaves free, so that it is still found, and has its last depth
+(:mod:`vfoa.depth_memory`).
 
 If the model has an instance of the same label in the box, at the point or around the head, that instance takes the
 drawn name and keeps its mask. Otherwise the drawn shape becomes a new instance, which replaces the model's masks where
@@ -147,11 +149,11 @@ class DrawnShapes:
         cuts = []
         for placed in new:
             depth_m = depth_from_disparity(disparity.disparity_px[placed.window], frame.rig)
-            if (cut := self._cut(placed, depth_m, frame.rig)) is not None:
-                cuts.append((*cut, placed))
+            cuts.append((*self._cut(placed, depth_m, frame.rig), placed))
         ids = instances.ids.copy()
-        for _, mask, placed in sorted(cuts, key=lambda cut: -cut[0]):
-            ids[placed.window][mask] = placed.instance_id
+        for depth, mask, placed in sorted(cuts, key=lambda cut: -cut[0]):
+            part = ids[placed.window]
+            part[mask if depth < np.inf else mask & (part == 0)] = placed.instance_id
         names = {placed.instance_id: placed.shape.name for placed in drawn if not placed.is_new}
         lost = covered_things(instances, ids) - names.keys()
         ids[np.isin(ids, list(lost))] = 0
@@ -164,23 +166,22 @@ class DrawnShapes:
         grown = POINT_RADIUS_PX if shape.kind == "point" else 0.0
         return window_of(u0 - grown, v0 - grown, u1 + grown, v1 + grown, rig)
 
-    def _cut(self, placed: PlacedShape, depth_m: Float, rig: StereoRig) -> tuple[float, Mask] | None:
-        """Return a shape's depth in metres and its pixels in its window; None where no depth is known."""
+    def _cut(self, placed: PlacedShape, depth_m: Float, rig: StereoRig) -> tuple[float, Mask]:
+        """Return a shape's depth in metres and its pixels in its window: infinity and all, where no depth is known."""
         middle, (u0, v0, u1, v1) = self._settings.middle, placed.shape.box_px
         if placed.shape.kind == "point":
             width, height = 2 * POINT_RADIUS_PX, 2 * POINT_RADIUS_PX
         else:
             width, height = u1 - u0, v1 - v0
         across, down = _offsets(placed, (width, height))
-        inside = np.isfinite(depth_m)
-        if placed.shape.kind != "box":
-            inside &= across**2 + down**2 <= 1
+        outline = np.full(depth_m.shape, True) if placed.shape.kind == "box" else across**2 + down**2 <= 1
+        inside = outline & np.isfinite(depth_m)
         is_middle = (np.abs(across) <= middle) & (np.abs(down) <= middle)
         samples = depth_m[inside & is_middle]
         if not len(samples):
             samples = depth_m[inside]
         if not len(samples):
-            return None
+            return np.inf, outline
         mode = depth_mode(samples, DEPTH_SHARE)
         side_m = mode * min(width / rig.fx_px, height / rig.fy_px)
         margin = max(DEPTH_SHARE * mode, SIZE_SHARE * side_m)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -11,8 +12,11 @@ from hypothesis import strategies as st
 from harness.studio import StudioClip, StudioSettings
 from tests.scenes import make_rig
 from vfoa.drawn import DrawnSettings, DrawnShape, DrawnShapes, depth_mode
+from vfoa.following import Following
 from vfoa.geometry import disparity_from_depth
-from vfoa.types import Disparity, Head, Instance, Instances, StereoFrame
+from vfoa.reconstruction import ReconstructionSettings
+from vfoa.tracking import TrackingSettings
+from vfoa.types import Disparity, Head, Instance, Instances, Percepts, StereoFrame
 
 RIG = make_rig(64, 48)
 USED = DrawnSettings(targets=True, heads=True)
@@ -74,16 +78,42 @@ def test_a_box_is_cut_out_by_the_depth_of_its_middle() -> None:
     assert np.array_equal(found.mask(found.instances[0].id), expected)
 
 
-def test_pixels_of_unknown_depth_belong_to_nothing_and_a_box_without_depth_has_no_pixels() -> None:
+def test_pixels_of_unknown_depth_belong_to_nothing() -> None:
     disparity = _depths(((slice(12, 30), slice(22, 40)), 1.0)).disparity_px.copy()
     disparity[20:25] = np.nan
-    box = shape("mug", (21.5, 11.5, 39.5, 29.5))
-    found, _ = _draw([box], Disparity(disparity_px=disparity))
+    found, _ = _draw([shape("mug", (21.5, 11.5, 39.5, 29.5))], Disparity(disparity_px=disparity))
     assert not found.ids[20:25].any()
     assert found.ids[12, 22]
-    empty, _ = _draw([box], Disparity(disparity_px=np.full((48, 64), np.nan, np.float32)))
-    assert [instance.name for instance in empty.instances] == ["mug"]
-    assert not empty.ids.any()
+
+
+NO_DEPTH = Disparity(disparity_px=np.full((48, 64), np.nan, np.float32))
+
+
+def test_a_shape_without_depth_is_all_that_the_model_leaves_free() -> None:
+    bowl = replace(CUP, label="bowl")
+    model = _of_model(bowl=(bowl, (slice(12, 30), slice(22, 40))))
+    found, _ = _draw([shape("mug", (21.5, 11.5, 49.5, 29.5))], NO_DEPTH, model=model)
+    ids = {instance.name: instance.id for instance in found.instances}
+    assert np.array_equal(found.mask(ids[None]), model.mask(CUP.id))
+    expected = np.zeros((48, 64), bool)
+    expected[12:30, 40:50] = True
+    assert np.array_equal(found.mask(ids["mug"]), expected)
+
+
+@pytest.mark.parametrize("kind", ["box", "point"])
+def test_a_shape_without_depth_has_its_last_one(kind: Literal["box", "point"]) -> None:
+    mug = shape("mug", (21.5, 11.5, 39.5, 29.5) if kind == "box" else (30, 20, 30, 20), kind)
+    following = Following(ReconstructionSettings(), TrackingSettings())
+    seen = []
+    for index, disparity in enumerate((_depths(((slice(12, 30), slice(22, 40)), 1.0)), NO_DEPTH)):
+        instances, _ = _draw([mug], disparity)
+        found = Percepts(index=index, time_ns=0, rig=RIG, disparity=disparity, instances=instances, views=())
+        (target,) = following.step(found)[1].targets
+        seen.append((target.instance.name, target.depth_from, target.box and target.box.center_m.tolist()))
+    (_, measured, center), remembered = seen
+    assert measured is None
+    assert center is not None
+    assert remembered == ("mug", 0, center)
 
 
 def test_of_two_boxes_the_nearer_hides_the_farther_whatever_their_order() -> None:
