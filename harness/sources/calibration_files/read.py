@@ -16,6 +16,7 @@ from harness.sources.calibration_files import (
     basalt,
     depthai,
     documents,
+    dsec,
     icub,
     matlab,
     opencv,
@@ -44,12 +45,12 @@ _MOST_ALIKE = 20
 class Options(Settings):
     """Settings of a manifest for what a calibration's file does not contain.
 
-    ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (0, 1) for Kalibr,
-    Basalt and VINS-Fusion. ``calibration_unit`` is that of the translation; by default metres, or what the file says
-    (MATLAB's ``WorldUnits``, ``baseline_mm`` beside OpenCV's matrices). ``fisheye``: OpenCV's matrices are of
-    ``cv2.fisheye`` (or, false, are not); by default what the file says. ``rectified``: the images are rectified
-    already, although the file also says how to rectify. ``baseline_m``: the distance of the two cameras, which replaces
-    the file's or completes a file without one.
+    ``calibration_cameras``: the left and the right camera of the file; by default (2, 3) for KITTI, (1, 2) for DSEC,
+    (0, 1) for Kalibr, Basalt and VINS-Fusion. ``calibration_unit`` is that of the translation; by default metres, or
+    what the file says (MATLAB's ``WorldUnits``, ``baseline_mm`` beside OpenCV's matrices). ``fisheye``: OpenCV's
+    matrices are of ``cv2.fisheye`` (or, false, are not); by default what the file says. ``rectified``: the images are
+    rectified already, although the file also says how to rectify. ``baseline_m``: the distance of the two cameras,
+    which replaces the file's or completes a file without one.
     """
 
     calibration_cameras: tuple[int, int] | None = None
@@ -66,7 +67,7 @@ class _NoChoiceError(VfoaError):
     """``calibration_cameras`` is given for a file that always holds two cameras."""
 
 
-_CHOOSING = ("KITTI", "Kalibr", basalt.PROGRAM, vins.PROGRAM)
+_CHOOSING = ("KITTI", "Kalibr", basalt.PROGRAM, dsec.PROGRAM, vins.PROGRAM)
 """Programs whose files may hold more than two cameras."""
 
 
@@ -151,6 +152,8 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
                 )
             return program, read_pair(contents[0], contents[1], (str(paths[0]), str(paths[1])))
     merged = orb_slam.as_orb_slam(opencv_names.merged(contents), where)
+    if dsec.is_dsec(merged):
+        return dsec.PROGRAM, dsec.dsec_pair(merged, options.calibration_cameras or dsec.FRAMES, where)
     if (chain := documents.kalibr_chain(merged)) is not None and not opencv.rectifies(merged):
         return "Kalibr", documents.kalibr_pair(chain, options.calibration_cameras or (0, 1), where)
     if basalt.is_basalt(merged):
