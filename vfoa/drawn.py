@@ -127,17 +127,28 @@ class DrawnShapes:
         return tuple(placed)
 
     def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[PlacedShape, ...]) -> tuple[Head, ...]:
-        """Return the detected heads, each with the instance of a head drawn around it; then the other drawn heads."""
+        """Return the detected heads, each with the instance of a head drawn around it; then the other drawn heads.
+
+        Of heads that overlap several, those that overlap most belong together.
+        """
+        shapes = {
+            placed.instance_id: np.array(placed.shape.box_px, dtype=np.float64)
+            for placed in drawn
+            if placed.shape.kind == "head"
+        }
+        overlaps = sorted(
+            (-overlap, place, instance_id)
+            for place, head in enumerate(heads)
+            for instance_id, box_px in shapes.items()
+            if (overlap := box_iou(head.box_px, box_px)) >= SAME_HEAD
+        )
         all_heads = list(heads)
-        for drawn_head in (placed for placed in drawn if placed.shape.kind == "head"):
-            box_px = np.array(drawn_head.shape.box_px, dtype=np.float64)
-            overlaps = [box_iou(head.box_px, box_px) for head in all_heads]
-            best = int(np.argmax(overlaps)) if overlaps else -1
-            if best >= 0 and overlaps[best] >= SAME_HEAD:
-                all_heads[best] = replace(all_heads[best], instance_id=drawn_head.instance_id)
-            else:
-                all_heads.append(Head(box_px=box_px, score=1.0, instance_id=drawn_head.instance_id))
-        return tuple(all_heads)
+        for _, place, instance_id in overlaps:
+            if instance_id in shapes and all_heads[place] is heads[place]:
+                all_heads[place] = replace(heads[place], instance_id=instance_id)
+                del shapes[instance_id]
+        drawn_heads = (Head(box_px=box_px, score=1.0, instance_id=id_) for id_, box_px in shapes.items())
+        return (*all_heads, *drawn_heads)
 
     def add_masks(
         self, frame: StereoFrame, instances: Instances, drawn: tuple[PlacedShape, ...], disparity: Disparity

@@ -157,6 +157,25 @@ def test_a_head_that_is_detected_stays_and_learns_whose_it_is() -> None:
     assert head.landmarks_px is not None
 
 
+ANNA_PX, BEN_PX = (9.5, 9.5, 25.5, 29.5), (14.5, 9.5, 30.5, 29.5)
+"""Two heads one behind the other, whose boxes overlap by half."""
+
+
+@pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)])
+@pytest.mark.parametrize("detected", [(), (ANNA_PX,), (BEN_PX,), (ANNA_PX, BEN_PX)])
+def test_of_two_people_whose_heads_overlap_each_keeps_the_own_head(detected: Sequence[Box], order: slice) -> None:
+    shapes = [shape("anna", ANNA_PX, "head", "person"), shape("ben", BEN_PX, "head", "person")][order]
+    heads = [Head(box_px=np.array(box), score=0.7) for box in detected]
+    people, found = _draw(shapes, _depths(), heads=heads)
+    names = {instance.id: instance.name for instance in people.instances}
+    assert [tuple(head.box_px.tolist()) for head in found[: len(detected)]] == list(detected)
+    assert {names[head.instance_id or 0]: tuple(head.box_px.tolist()) for head in found} == {
+        "anna": ANNA_PX,
+        "ben": BEN_PX,
+    }
+    assert len(found) == 2
+
+
 def test_a_box_about_the_model_s_own_instance_names_it() -> None:
     model = _of_model(cup=(CUP, (slice(12, 30), slice(22, 40))))
     depths = _depths(((slice(12, 30), slice(22, 40)), 1.0))
