@@ -24,9 +24,9 @@ or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -46,7 +46,7 @@ from harness.pipeline.configuration import (
     merged,
     takes,
 )
-from harness.run.fitted import FittedWeights, read_fitted
+from harness.run.fitted import FitRecord, FittedWeights, read_fitted
 from harness.run.grid import Variant, base_of, repeated, variants
 from harness.run.manifest import Published
 from harness.run.notes import Note, NoteKind, fitted_on_reported
@@ -106,7 +106,8 @@ class Experiment:
     are scored; None for ``annotations/<clip>.csv``. ``published`` are published figures for these configurations.
     ``missing`` says which clips of a family are not here. ``recording``: whether it is recorded, and with
     which pictures, unless the command line says so. ``where`` is its file, and what was set over it.
-    ``given`` are the keys that its user gave instead of the file's.
+    ``given`` are the keys that its user gave instead of the file's. ``fits`` are the origins of fitted weights that are
+    used, by their files.
     """
 
     name: str
@@ -120,6 +121,7 @@ class Experiment:
     recording: RecordingKind = "light"
     where: str = ""
     given: frozenset[str] = frozenset()
+    fits: Mapping[Path, FitRecord] = field(default_factory=dict)
 
     def wrong(self, key: str, error: VfoaError) -> VfoaError:
         """The error of a key's value, with the file and the key in front if it is from the file."""
@@ -185,15 +187,17 @@ def load_experiment(
             configuration for base in configurations for configuration in repeated(base, file.seeds, where)
         )
     _check_published(file, [base_of(configuration.name) for configuration in configurations], where)
+    fitted = _fitted_files(file, preset)
     return Experiment(
         name=path.stem,
+        fits={file: each.fit for file, each in fitted.items() if _uses(each, configurations)},
         clips=present,
         configurations=configurations,
         limit=None if clips else file.limit,
         notes=(
             *map(Note, (*file.notes, *missing)),
             *partly,
-            *_fitted_notes(file, preset, present, configurations),
+            *_fitted_notes(fitted, present, configurations),
         ),
         annotator=file.annotator,
         published=file.published,
@@ -341,24 +345,33 @@ def _idle(configurations: Iterable[Configuration]) -> dict[str, str]:
     return {key: needed for key, needed in idle.items() if key not in counting}
 
 
+def _fitted_files(file: _File, preset: str | None) -> dict[Path, FittedWeights]:
+    """The files of fitted settings that an experiment names."""
+    names = [preset] if preset else [*(table.get("preset") for table in file.configuration), file.preset]
+    paths = dict.fromkeys(Path(name) for name in names if isinstance(name, str) and name.endswith(".toml"))
+    return {path: read_fitted(path) for path in paths}
+
+
+def _uses(fitted: FittedWeights, configurations: Sequence[Configuration]) -> bool:
+    return any(has_weights(configuration, fitted) for configuration in configurations)
+
+
 def _fitted_notes(
-    file: _File, preset: str | None, clips: tuple[str, ...], configurations: Sequence[Configuration]
+    files: Mapping[Path, FittedWeights], clips: tuple[str, ...], configurations: Sequence[Configuration]
 ) -> Iterator[Note]:
     """Yield a note for each file of fitted settings: a warning if it was fitted on a clip that is reported.
 
     Where each configuration chooses another method, or other weights, the note says that the file changes nothing.
     """
-    names = [preset] if preset else [*(table.get("preset") for table in file.configuration), file.preset]
-    for path in dict.fromkeys(Path(name) for name in names if isinstance(name, str) and name.endswith(".toml")):
-        fitted = read_fitted(path)
+    for path, fitted in files.items():
         fitted_on = fitted.fit.clips
-        if not any(has_weights(configuration, fitted) for configuration in configurations):
+        if not _uses(fitted, configurations):
             methods = ", ".join(dict.fromkeys(each.attend.attention.method for each in configurations))
             yield Note(f"No configuration uses the weights of {path.name}: attention.method is set to {methods}.")
         elif seen := [clip for clip in clips if clip in fitted_on]:
             yield fitted_on_reported(f"the weights of {path.name}", seen)
         else:
-            yield Note(f"Weights of {path.name}, fitted on other clips: {', '.join(fitted_on)}.")
+            yield Note(f"Weights of {path.name}, fitted on clips of other names: {', '.join(fitted_on)}.")
 
 
 def has_weights(configuration: Configuration, fitted: FittedWeights) -> bool:

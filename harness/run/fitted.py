@@ -33,6 +33,8 @@ class FitRecord(Settings):
     experiment: str
     configuration: str
     clips: tuple[str, ...]
+    clips_sha256: tuple[str, ...] = ()
+    """Digests of the content of these clips, which tell one that is called otherwise since."""
     people: int
     labelled_s: float
     seeds: int = 1

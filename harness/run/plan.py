@@ -27,7 +27,7 @@ from harness.run.executors import Executor, cores
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, NoteOfRun, RunManifest
-from harness.run.notes import Note
+from harness.run.notes import Note, fitted_on_reported
 from harness.sources import Clip, FilmClip, MeasuredClip
 from vfoa.errors import VfoaError, located
 from vfoa.methods import MethodSettings
@@ -278,9 +278,10 @@ def describe(plan: Plan) -> RunManifest:
         plan.stages, _default_fetch(plan), where=plan.experiment.where
     )  # before a stage of a clip opens them
     of_sinks = {key: value for sink in plan.sinks for key, value in sink.described().items()}
+    notes = (*plan.experiment.notes, *_notes_on_renamed(plan))
     return RunManifest(
         experiment=plan.experiment.name,
-        notes=[NoteOfRun(text=note.text, kind=note.kind) for note in plan.experiment.notes],
+        notes=[NoteOfRun(text=note.text, kind=note.kind) for note in notes],
         published=plan.experiment.published,
         annotator=plan.experiment.annotator,
         clips=[_describe_clip(prepared, plan.experiment) for prepared in plan.clips],
@@ -293,6 +294,19 @@ def describe(plan: Plan) -> RunManifest:
         source_sha256=code_digest(plan.deciding_modules),
         **{"recording": None, **of_sinks},
     )
+
+
+def _notes_on_renamed(plan: Plan) -> Iterator[Note]:
+    """Warn of weights that were fitted on a clip of the plan when it had another name, by the digest of its content."""
+    for file, fit in plan.experiment.fits.items():
+        names = dict(zip(fit.clips_sha256, fit.clips, strict=False))
+        found = [
+            f"{prepared.manifest.name} (then {names[prepared.digest]})"
+            for prepared in plan.clips
+            if prepared.manifest.name not in fit.clips and prepared.digest in names
+        ]
+        if found:
+            yield fitted_on_reported(f"the weights of {file.name}", found)
 
 
 def _labels_of_fits(plan: Plan) -> dict[str, str | None] | None:

@@ -127,11 +127,13 @@ def fit_logit(run: LabelledRun, *, first_s: float | None = None, scored: bool = 
         )
     folds = folds_of(run, first_s) if scored else []
     weights = fitted_to(people)
+    clips = tuple(dict.fromkeys(str(person.sequence.group) for person in people))
     return FittedWeights(
         fit=FitRecord(
             experiment=run.experiment,
             configuration=run.configuration,
-            clips=tuple(dict.fromkeys(str(person.sequence.group) for person in people)),
+            clips=clips,
+            clips_sha256=tuple(run.clips_sha256.get(clip) or "" for clip in clips),
             people=len(people) // run.seeds,
             labelled_s=round(sum(person.labelled_s for person in people) / run.seeds, 1),
             seeds=run.seeds,

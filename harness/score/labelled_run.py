@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -91,12 +91,13 @@ class LabelledPerson:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelledRun:
-    """One configuration of a run with labels, under all its seeds."""
+    """One configuration of a run with labels, under all its seeds; ``clips_sha256``: digests of its clips' content."""
 
     experiment: str
     configuration: str
     seeds: int
     people: Sequence[LabelledPerson]
+    clips_sha256: Mapping[str, str | None] = field(default_factory=dict)
 
 
 def read_labelled(
@@ -122,7 +123,8 @@ def read_labelled(
     of_clips = {clip.word: reference.labels.get(name) for name, clip in run.manifests().items()}
     check_labelled(run.manifest.experiment, of_clips, known.values())
     pairs, answers = _labelled_pairs(run, reference, chosen), _answers(run, reference)
-    return labelled_runs(run.manifest.experiment, pairs, [chosen], executor or InProcess(), answers, bar)[0]
+    (labelled,) = labelled_runs(run.manifest.experiment, pairs, [chosen], executor or InProcess(), answers, bar)
+    return replace(labelled, clips_sha256={clip.name: clip.sha256 for clip in run.manifest.clips})
 
 
 def check_labelled(

@@ -231,6 +231,27 @@ def test_a_table_says_whether_it_reports_a_clip_that_was_fitted_on(fitted: Path)
     assert on_itself.text == "FITTED ON WHAT IS REPORTED: the weights of fitted.toml were fitted on one, two."
 
 
+def test_a_clip_that_was_fitted_on_is_told_by_its_content_after_it_was_renamed(
+    fitted: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    add_clip(measured_tables(Path("data", "other"), range(1, 32), STEP_NS), name="other")
+    for file in (Path("datasets", "one.toml"), Path("annotations", "one.csv")):
+        text = file.read_text().replace('name = "one"', 'name = "uno"')
+        write_text(file.with_name(f"uno{file.suffix}"), text)
+        file.unlink()
+    write_text(Path("annotations", "other.csv"), true_labels(31))
+    write_text(Path("talk.toml"), TWO_CLIPS.replace('"one", "two"', '"uno", "other"'))
+    code, said, err = vfoa(
+        monkeypatch, capsys, "run", "talk.toml", "--workers", "1", "--recording", "none", "--preset", str(fitted)
+    )
+    assert code == 0, err
+    (warning,) = (line for line in said.splitlines() if line.startswith("FITTED"))
+    assert re.fullmatch(
+        r".*the weights of fitted\.toml were fitted on uno \(then (one|two)\)\.", warning
+    )  # the same files
+
+
 def test_a_wrong_weight_is_named(fitted: Path) -> None:
     fitted.write_text(fitted.read_text().replace("head_swing", "head_shear"))
     with pytest.raises(VfoaError, match=r"attention.*head_shear"):
