@@ -7,8 +7,8 @@ band   pixels of the whole box within a margin of that depth belong to the objec
 
 The margin is a share of the depth (stereo is less exact farther away) or, if that is more, a share of the box's shorter
 side in metres (an object is about as deep as it is wide or high). A point is a small disc, a head the ellipse in its
-box. Pixels of unknown depth belong to nothing: they could not become points of a cloud. But a shape that has no depth
-in a frame is all of its pixels that the model leaves free, so that it is still found, and has its last depth
+box. Pixels of unknown depth belong to nothing: they could not become points of a cloud. But if too few pixels
+have a depth, a shape is all that the model leaves free of it: it is found where it is drawn, and has its last depth
 (:mod:`vfoa.depth_memory`).
 
 If the model has an instance of the same label in the box, at the point or around the head, that instance takes the
@@ -43,6 +43,9 @@ DEPTH_SHARE = 0.05
 
 SIZE_SHARE = 0.5
 """Pixels also belong to the object within this share of the box's shorter side in metres, if that is more."""
+
+LEAST_PIXELS = 20
+"""Fewer pixels of known depth are no cloud (:class:`vfoa.reconstruction.ReconstructionSettings`, ``min_points``)."""
 
 POINT_RADIUS_PX = 6.0
 """Radius of the disc that a drawn point stands for."""
@@ -160,11 +163,11 @@ class DrawnShapes:
         cuts = []
         for placed in new:
             depth_m = depth_from_disparity(disparity.disparity_px[placed.window], frame.rig)
-            cuts.append((*self._cut(placed, depth_m, frame.rig), placed))
+            is_free = np.equal(instances.ids[placed.window], 0)
+            cuts.append((*self._cut(placed, depth_m, is_free, frame.rig), placed))
         ids = instances.ids.copy()
-        for depth, mask, placed in sorted(cuts, key=lambda cut: -cut[0]):
-            part = ids[placed.window]
-            part[mask if depth < np.inf else mask & (part == 0)] = placed.instance_id
+        for _, mask, placed in sorted(cuts, key=lambda cut: -cut[0]):
+            ids[placed.window][mask] = placed.instance_id
         names = {placed.instance_id: placed.shape.name for placed in drawn if not placed.is_new}
         lost = covered_things(instances, ids) - names.keys()
         ids[np.isin(ids, list(lost))] = 0
@@ -177,8 +180,11 @@ class DrawnShapes:
         grown = POINT_RADIUS_PX if shape.kind == "point" else 0.0
         return window_of(u0 - grown, v0 - grown, u1 + grown, v1 + grown, rig)
 
-    def _cut(self, placed: PlacedShape, depth_m: Float, rig: StereoRig) -> tuple[float, Mask]:
-        """Return a shape's depth in metres and its pixels in its window: infinity and all, where no depth is known."""
+    def _cut(self, placed: PlacedShape, depth_m: Float, is_free: Mask, rig: StereoRig) -> tuple[float, Mask]:
+        """Return a shape's depth in metres (infinity where none is known) and its pixels in its window.
+
+        If these are too few, free pixels of unknown depth are added.
+        """
         middle, (u0, v0, u1, v1) = self._settings.middle, placed.shape.box_px
         if placed.shape.kind == "point":
             width, height = 2 * POINT_RADIUS_PX, 2 * POINT_RADIUS_PX
@@ -191,12 +197,13 @@ class DrawnShapes:
         samples = depth_m[inside & is_middle]
         if not len(samples):
             samples = depth_m[inside]
-        if not len(samples):
-            return np.inf, outline
-        mode = depth_mode(samples, DEPTH_SHARE)
+        mode = depth_mode(samples, DEPTH_SHARE) if len(samples) else np.inf
         side_m = mode * min(width / rig.fx_px, height / rig.fy_px)
         margin = max(DEPTH_SHARE * mode, SIZE_SHARE * side_m)
-        return mode, inside & (np.abs(np.where(inside, depth_m, np.inf) - mode) <= margin)
+        mask = inside & (np.abs(np.where(inside, depth_m, 0) - mode) <= margin)
+        if np.count_nonzero(mask) < LEAST_PIXELS:
+            mask |= outline & is_free & np.isnan(depth_m)
+        return mode, mask
 
 
 def depth_mode(depths_m: NDArray[np.floating], share: float) -> float:

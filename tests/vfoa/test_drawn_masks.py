@@ -100,12 +100,18 @@ def test_a_shape_without_depth_is_all_that_the_model_leaves_free() -> None:
     assert np.array_equal(found.mask(ids["mug"]), expected)
 
 
+@pytest.mark.parametrize("known", [slice(0, 0), slice(26, 30)])
 @pytest.mark.parametrize("kind", ["box", "point"])
-def test_a_shape_without_depth_has_its_last_one(kind: Literal["box", "point"]) -> None:
+def test_a_shape_of_little_depth_has_its_last_one_where_it_is_drawn(
+    kind: Literal["box", "point"], known: slice
+) -> None:
+    """The few pixels of known depth are at its border: their middle is not that of the shape."""
+    last = np.full((48, 64), np.nan, np.float32)
+    last[18:22, known] = disparity_from_depth(1.0, RIG)
     mug = shape("mug", (21.5, 11.5, 39.5, 29.5) if kind == "box" else (30, 20, 30, 20), kind)
     following = Following(ReconstructionSettings(), TrackingSettings())
     seen = []
-    for index, disparity in enumerate((_depths(((slice(12, 30), slice(22, 40)), 1.0)), NO_DEPTH)):
+    for index, disparity in enumerate((_depths(((slice(12, 30), slice(22, 40)), 1.0)), Disparity(disparity_px=last))):
         instances, _ = _draw([mug], disparity)
         found = Percepts(index=index, time_ns=0, rig=RIG, disparity=disparity, instances=instances, views=())
         (target,) = following.step(found)[1].targets
