@@ -17,7 +17,7 @@ REMOVED: Mapping[str, str] = {
     "attention.bias_share": _FITTED_TOGETHER,
     "attention.cues": "which cues the posterior uses, gone since 0.1.0; use gaze.model = 'none' or head_pose.model = "
     "'none' to leave one out",
-    "attention.directions": "the number of rays to a target, gone since 0.1.0; leave it out, it is 128",
+    "attention.directions": "the number of rays to a target, gone since 0.1.0; leave it out, boxes need none",
     "attention.dwell_looks": _FITTED_TOGETHER,
     "attention.dwell_s": _FITTED_TOGETHER,
     "attention.evidence": _FITTED_TOGETHER,
