@@ -262,11 +262,14 @@ class Attending:
         return self._release(len(self._waiting)) if self._waiting else []
 
     def _awaited(self) -> int:
-        """Number of later frames that a frame's answer needs, at the rate of the frames that wait."""
-        seconds = (self._waiting[-1].scene.time_ns - self._waiting[0].scene.time_ns) / 1e9
-        if seconds <= 0:
+        """Number of frames that wait and have later frames to come: those of the last ``look_ahead_s`` seconds.
+
+        A mean rate would not do: a gap in the times makes it too low for the frames on both sides.
+        """
+        last_ns = self._waiting[-1].scene.time_ns
+        if last_ns <= self._waiting[0].scene.time_ns:
             return math.ceil(self._look_ahead_s / FRAME_S)
-        return math.ceil(self._look_ahead_s * (len(self._waiting) - 1) / seconds)
+        return sum(last_ns - result.scene.time_ns < 1e9 * self._look_ahead_s for result in self._waiting)
 
     def _release(self, count: int) -> list[FrameResult]:
         ready = self._waiting[:count]

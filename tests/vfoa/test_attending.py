@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -141,8 +140,8 @@ def test_every_frame_is_revised_by_the_block_that_waits_with_it(
     expected = []
     for (result,), scene in zip(blocks(forward, frames)[:-1], frames, strict=True):
         waiting.append(result)
-        seconds = (scene.time_ns - waiting[0].scene.time_ns) / 1e9
-        ahead = math.ceil(0.12 * (len(waiting) - 1) / seconds) if seconds > 0 else 3
+        timed = scene.time_ns > waiting[0].scene.time_ns
+        ahead = sum(scene.time_ns - each.scene.time_ns < 0.12e9 for each in waiting) if timed else 3
         count = len(waiting) - ahead if len(waiting) > 2 * ahead else 0
         expected.append(revised_by(method, waiting)[:count])
         waiting = waiting[count:]
@@ -150,6 +149,17 @@ def test_every_frame_is_revised_by_the_block_that_waits_with_it(
     found = blocks(method, frames)
     assert [content(block) for block in found] == [content(block) for block in expected]
     assert [result.scene.index for block in found for result in block] == list(range(len(gazes)))
+
+
+def test_a_gap_in_the_times_leaves_no_frame_with_less_time_ahead() -> None:
+    """Frames of 25 per second with gaps of ten seconds, and a method that needs 0.12 s of later frames."""
+    times_ns = [round(4e7 * (number + 250 * ((number + 6) // 7))) for number in range(42)]
+    frames = scenes([0.15] * len(times_ns), times_ns)
+    for scene, block in zip([*frames, frames[-1]], blocks(bayes("both"), frames), strict=True):
+        last_ns = scene.time_ns
+        for result in block:
+            ahead = [time_ns for time_ns in times_ns if 0 < time_ns - result.scene.time_ns < 0.12e9]
+            assert all(time_ns <= last_ns for time_ns in ahead)
 
 
 class Counting:
