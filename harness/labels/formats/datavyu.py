@@ -1,7 +1,7 @@
 """Datavyu: a column per subject, in it a cell per range, one of whose codes is the target.
 
 A column may hold several subjects, if a code names them (``who``, or another name of
-:data:`~harness.labels.formats.own_table.COLUMNS`). A cell holds from its onset to its offset, both included, to the
+:data:`~harness.labels.formats.table_columns.COLUMNS`). A cell holds from its onset to its offset, both included, to the
 millisecond (``exportByFrame`` of ``ExportDatabaseFileController``; read, not used). An offset that was never set is 0.
 
 A spreadsheet (``.opf``) is a ZIP archive: ``db`` has a line for each column and one for each of its cells, ``project``

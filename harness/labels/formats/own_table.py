@@ -1,7 +1,7 @@
 """A table of one's own, of a spreadsheet or a script: a row for each look, or for each frame.
 
-Its columns are found by their names (:data:`COLUMNS`), in any order, case and dialect of CSV
-(:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, or for a
+Its columns are found by their names (:mod:`harness.labels.formats.table_columns`), in any order, case and dialect of
+CSV (:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` to ``end``, or for a
 ``duration``, in seconds, milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in
 one frame, which is that of the number ``frame``, or in the name of an ``image``, or nearest to ``time_s``, ``time_ms``,
 ``time_us`` or ``time_ns``; of several such rows, a frame takes the nearest. Nanoseconds, and times since 1970 in any
@@ -36,11 +36,12 @@ from harness.labels.formats.exchange import (
     without,
 )
 from harness.labels.formats.eye_trackers import area_of, check_no_recording, of_eye_tracker, with_target
+from harness.labels.formats.table_columns import known_columns, meant_by
+from harness.labels.formats.table_images import check_images, with_frames_of_images
 from harness.labels.formats.table_times import (
     MS_PER_UNIT,
     UNITS,
     Cells,
-    check_images,
     check_milliseconds,
     check_minutes,
     check_unit,
@@ -49,56 +50,11 @@ from harness.labels.formats.table_times import (
     to_last_pictures,
     until_next,
     whole_of,
-    with_frames_of_images,
     without_times,
 )
 from harness.labels.labels import NOWHERE, Label, LabelRange, Timeline, ranges_of
 from harness.labels.rows import check_ends, check_sequence, check_text
 from vfoa.errors import VfoaError, check_known, counted, listed
-
-COLUMNS: Mapping[str, tuple[str, ...]] = {
-    "subject": ("subject", "person", "who", "participant", "participant_name"),
-    "target": ("target", "object", "what", "looks_at", "label", "aoi", "aoi_name", "gaze_target", "vfoa", "trial_type"),
-    "note": ("note", "notes", "comment", "comments"),
-    "frame": ("frame", "frame_number", "frame_index"),
-    "first_frame": ("first_frame", "start_frame", "frame_start"),
-    "last_frame": ("last_frame", "end_frame", "frame_end"),
-    "start_s": (
-        *("start_s", "start", "start_time", "start_time_s", "start_sec"),
-        *("begin", "begin_time", "onset", "onset_s"),
-    ),
-    "end_s": ("end_s", "end", "end_time", "stop", "stop_time", "end_time_s", "end_sec", "offset", "offset_s"),
-    "duration_s": ("duration_s", "duration", "duration_sec"),
-    "start_ms": ("start_ms", "start_time_ms", "begin_ms", "onset_ms"),
-    "end_ms": ("end_ms", "end_time_ms", "stop_ms", "offset_ms"),
-    "duration_ms": ("duration_ms",),
-    "start_ns": ("start_ns", "start_timestamp_ns", "start_time_ns"),
-    "end_ns": ("end_ns", "end_timestamp_ns", "end_time_ns"),
-    "time_s": ("time_s", "time", "time_sec", "timestamp", "timestamp_s"),
-    "time_ms": ("time_ms", "timestamp_ms", "recording_timestamp_ms"),
-    "time_us": ("time_us", "timestamp_us", "recording_timestamp_us"),
-    "time_ns": ("time_ns", "timestamp_ns", "stamp_ns"),
-}
-"""The names of each column, as :func:`plain_name` has them."""
-FURTHER_COLUMNS: Mapping[str, tuple[str, ...]] = {
-    "subject": ("person_id", "person_name", "subject_id", "subject_name", "participant_id"),
-    "target": (
-        *("looking_at", "look_at", "gaze_at", "attention_target", "look_target", "gaze_label"),
-        *("target_name", "object_name"),
-    ),
-    "frame": ("frame_idx", "frame_id", "frame_no", "frame_num", "frame_nr"),
-    "start_s": (
-        *("start_timestamp", "start_seconds", "start_time_sec", "t_start", "time_start"),
-        *("onset_sec", "onset_time"),
-    ),
-    "end_s": (
-        *("end_timestamp", "end_seconds", "end_time_sec", "t_end", "time_end", "finish"),
-        *("offset_sec", "offset_time"),
-    ),
-    "duration_s": ("duration_seconds",),
-    "time_s": ("timestamp_sec", "timestamp_seconds", "time_seconds", "seconds", "t"),
-}
-"""Names that count where no column has one of the others."""
 
 _PLACES = (
     *(("start_s", "end_s"), ("start_ms", "end_ms"), ("start_ns", "end_ns"), ("first_frame", "last_frame")),
@@ -121,9 +77,9 @@ class OwnTable(ReadOnly):
         """Read labels. Without a column of subjects they are those of the clip's only one."""
         check_no_recording(path)
         rows = _of_recording(of_eye_tracker(even_rows(path), path), exchange, path)
-        exchange = on_own_clock(rows, _meant(rows[0][1]), exchange)
-        rows, notes = with_frames_of_images(rows, _meant(rows[0][1]), exchange, path)
-        check_images(rows, _meant(rows[0][1]), exchange, path)
+        exchange = on_own_clock(rows, meant_by(rows[0][1]), exchange)
+        rows, notes = with_frames_of_images(rows, meant_by(rows[0][1]), exchange, path)
+        check_images(rows, meant_by(rows[0][1]), exchange, path)
         imported = from_rows(_by_target(_by_subject(rows, exchange), exchange, path), exchange, path)
         return replace(imported, notes=(*notes, *imported.notes))
 
@@ -137,7 +93,7 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
         If columns are missing, or a cell is wrong: with its line.
     """
     (line, header), *lines = rows
-    columns, left_out = _columns(header, f"{path}:{line}")
+    columns, left_out = known_columns(header, f"{path}:{line}")
     if exchange.until_next:
         columns = _without_ends(columns, lines, f"{path}:{line}")
     elif columns.keys() & {*_MOMENTS}:
@@ -245,7 +201,7 @@ def _of_recording(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequen
         known = {cells[place]: place for place in places for _, cells in rows[1:] if not is_missing(cells[place])}
         check_known(exchange.observation, known, f"{path}: --observation: no recording")
         rows = _rows_of(rows, known[exchange.observation], [exchange.observation])
-    subject = next((at for at, column in enumerate(_meant(header)) if column == "subject"), None)
+    subject = next((at for at, column in enumerate(meant_by(header)) if column == "subject"), None)
     for place in places:
         named = dict.fromkeys(cells[place] for _, cells in rows[1:] if not is_missing(cells[place]))
         if of_films := [name for name in named if file_name(name) in exchange.films]:
@@ -272,7 +228,7 @@ def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:
     """Rows with a subject and a target each, of those with a column for each subject; others as they are."""
     (line, header), *lines = rows
     subjects = [place for place, name in enumerate(header) if exchange.names.translate(name) in exchange.subjects]
-    if not subjects or {"subject", "target"} & {*_meant(header)}:
+    if not subjects or {"subject", "target"} & {*meant_by(header)}:
         return rows
     others = [place for place in range(len(header)) if place not in subjects]
     return [
@@ -288,44 +244,13 @@ def _by_subject(rows: Sequence[Row], exchange: Exchange) -> Sequence[Row]:
 def _by_target(rows: Sequence[Row], exchange: Exchange, path: Path) -> Sequence[Row]:
     """Rows with a target each, of those with a column of 0 and 1 for each target; others as they are."""
     header = rows[0][1]
-    if "target" in _meant(header):
+    if "target" in meant_by(header):
         return rows
     known = {*exchange.targets, *exchange.subjects, ""}
     areas = {place: area for place, name in enumerate(header) if (area := area_of(name))}
     named = {place: name for place, name in enumerate(header) if name and exchange.names.translate(name) in known}
     called = dict(sorted({**named, **areas}.items()))
     return with_target(rows, called, exchange.names, path)
-
-
-def _columns(header: Sequence[str], where: str) -> tuple[dict[str, int], list[str]]:
-    """The position of each known column, and the names of the others."""
-    found, left_out = dict[str, int](), list[str]()
-    for at, (name, column) in enumerate(zip(header, _meant(header), strict=True)):
-        if column is None:
-            left_out.append(name)
-        elif column in found:
-            raise VfoaError(f"{where}: {header[found[column]]} and {name} both are {column}; expected one of them")
-        else:
-            found[column] = at
-    if "target" not in found:
-        raise VfoaError(
-            f"{where}: found {', '.join(header)[:120]}; expected a column of targets ({', '.join(COLUMNS['target'])}), "
-            "or one for each person, or object of 0 and 1 (--rename COLUMN=NAME)"
-        )
-    return found, left_out
-
-
-def _meant(header: Sequence[str]) -> list[str | None]:
-    """The column that is meant by each name; None for any other."""
-    meant = [_column(name, COLUMNS) for name in header]
-    for at, name in enumerate(header):
-        if meant[at] is None and (column := _column(name, FURTHER_COLUMNS)) not in meant:
-            meant[at] = column
-    return meant
-
-
-def _column(name: str, columns: Mapping[str, tuple[str, ...]]) -> str | None:
-    return next((column for column, names in columns.items() if plain_name(name) in names), None)
 
 
 def _row(cells: Sequence[str], columns: Mapping[str, int], where: str) -> Cells:

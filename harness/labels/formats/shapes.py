@@ -3,8 +3,8 @@
 An object is known by its track (``cup#3``, track 3 with the label ``cup``, where that is renamed), by an attribute
 ``name``, or by its label. A person's shape is a head if its label is ``head`` or ``face``, or the person's name and one
 of these words (``anna_head``). An attribute of a person's shapes, such as ``looks_at``
-(:data:`~harness.labels.formats.own_table.COLUMNS`), has the target in each frame. Shapes whose label is, or is renamed
-to, ``SUBJECT:TARGET`` are looks, and are not drawn.
+(:data:`~harness.labels.formats.table_columns.COLUMNS`), has the target in each frame. Shapes whose label is, or is
+renamed to, ``SUBJECT:TARGET`` are looks, and are not drawn.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import NamedTuple
 from harness.files.dialects import plain_name
 from harness.labels.drawn_shapes import Drawn, KeyFrame, Kind, Place, check_kind, check_place, drawn_of
 from harness.labels.formats.exchange import Exchange, Imported
-from harness.labels.formats.own_table import COLUMNS
+from harness.labels.formats.table_columns import COLUMNS
 from harness.labels.labels import NOWHERE, Label, ranges_of
 from vfoa.errors import VfoaError, check_known, counted
 

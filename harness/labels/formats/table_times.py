@@ -1,4 +1,4 @@
-"""When the rows of a table hold: times, numbers and images in its cells, units that are probably others, onsets."""
+"""When the rows of a table hold: times and numbers of frames in its cells, units that are probably others, onsets."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path, PurePath
+from pathlib import Path
 
-from harness.files.dialects import Row, is_missing, number_hint, plain_name
+from harness.files.dialects import Row, is_missing, number_hint
 from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange, Span
 from harness.labels.labels import Timeline
-from harness.sources.media.frame_files import DIGITS, IMAGE_SUFFIXES
-from harness.sources.media.frame_times import DATE, SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, date_ns, stamp_unit
+from harness.sources.media.frame_times import DATE, SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, date_ns
 from vfoa.errors import VfoaError
 
 Cells = tuple[str, Mapping[str, str]]
@@ -188,132 +187,14 @@ def to_last_pictures(
 
 def whole_of(cell: str, where: str, what: str = "the number of a frame") -> int:
     """A whole number; raises with its place."""
-    if (number := _frame_number(cell)) is None:
+    if (number := frame_number(cell)) is None:
         raise VfoaError(f"{where}: found {cell[:40]!r}{number_hint(cell)}; expected {what}")
     return number
 
 
-def _frame_number(cell: str) -> int | None:
+def frame_number(cell: str) -> int | None:
     """A whole number, which pandas may have as ``12.0``."""
     return whole_number(cell.removesuffix(".0"))
-
-
-# Names of images, whose numbers are those of frames
-
-
-_OF_IMAGES = (
-    *("image", "image_name", "image_file", "image_filename", "image_path", "image_id"),
-    *("img", "img_name", "img_file", "img_path", "img_id", "frame_name", "frame_file", "frame_path"),
-)
-"""Names of columns of images, which may lack their suffix."""
-_OF_FILES = ("filename", "file_name", "file", "file_path", "filepath", "path")
-
-
-def with_frames_of_images(
-    rows: Sequence[Row], meant: Sequence[str | None], exchange: Exchange, path: Path
-) -> tuple[Sequence[Row], list[str]]:
-    """A header and rows with a column ``frame``, of those with the names of images in it, or in place of it; notes.
-
-    ``meant`` is what each column is known as. Names of images do not count beside other columns of frames or times.
-    Of images that are named by times, as those of a recording, and not by the clip's frames, the column is ``time_ns``.
-
-    Raises
-    ------
-    VfoaError
-        If a name in a column of images is none of an image with a number, or the names do not differ in one number.
-    """
-    (line, header), *lines = rows
-    if "frame" in meant:
-        place, is_short = meant.index("frame"), False
-    elif any(_is_time(name) or (name and name.endswith("_frame")) for name in meant):
-        return rows, []
-    else:
-        places = [at for at, name in enumerate(header) if plain_name(name) in (*_OF_IMAGES, *_OF_FILES)]
-        if len(places) != 1:
-            return rows, []
-        place, is_short = places[0], plain_name(header[places[0]]) in _OF_IMAGES
-    names, column = {cells[place] for _, cells in lines if not is_missing(cells[place])}, "frame"
-    notes = list[str]()
-    if all(_frame_number(name) is not None for name in names):
-        numbers = {name: name for name in names}
-    elif all(_is_image(name, is_short=is_short) for name in names):
-        own = _before_upload(names)
-        of_own, notes = exchange.frames_of_images({*own.values()}, f"{path}: {header[place]}")
-        numbers, unit = {name: str(of_own[own[name]]) for name in names}, stamp_unit(of_own.values())
-        if unit is not None and not {*of_own.values()} <= {*exchange.frames} and not any(map(_is_time, meant)):
-            column, numbers = "time_ns", {name: str(int(n) * TICKS_NS[unit]) for name, n in numbers.items()}
-    elif "frame" not in meant and (is_short or any(_is_image(name, is_short=False) for name in names)):
-        at, wrong = next((at, cells[place]) for at, cells in lines if not _is_image(cells[place], is_short=is_short))
-        raise VfoaError(
-            f"{path}:{at}: {header[place]}: found {wrong[:40]!r}; expected the name of an image with its number in "
-            "each row, such as frame_0001.png"
-        )
-    else:
-        return rows, []
-    header = [*header[:place], column, *header[place + 1 :]]
-    of_frames = [(at, [*cells[:place], numbers.get(cells[place], ""), *cells[place + 1 :]]) for at, cells in lines]
-    return [(line, header), *of_frames], notes
-
-
-def check_images(rows: Sequence[Row], meant: Sequence[str | None], exchange: Exchange, path: Path) -> None:
-    """Reject a frame beside the name of another frame's image, where a clip's frames have the numbers of its images.
-
-    Those of a film, or at a given rate, may be counted from another beginning than its pictures.
-
-    Raises
-    ------
-    VfoaError
-        With the first such row.
-    """
-    (_, header), *lines = rows
-    places = [at for at, name in enumerate(header) if plain_name(name) in (*_OF_IMAGES, *_OF_FILES)]
-    if "frame" not in meant or len(places) != 1:
-        return
-    at, frame = places[0], meant.index("frame")
-    names = {cells[at] for _, cells in lines if not is_missing(cells[at])}
-    is_short = plain_name(header[at]) in _OF_IMAGES
-    if not all(_is_image(name, is_short=is_short) and _frame_number(name) is None for name in names):
-        return
-    own = _before_upload(names)
-    try:
-        of_own, _ = exchange.frames_of_images({*own.values()}, f"{path}: {header[at]}")
-    except VfoaError:  # the names have no numbers of frames
-        return
-    of_images = {name: of_own[own[name]] for name in names}
-    own_numbers = {*exchange.frames}
-    both = [
-        (line, number, cells[at])
-        for line, cells in lines
-        if (number := _frame_number(cells[frame])) is not None and of_images.get(cells[at]) in own_numbers
-    ]
-    is_shifted = (exchange.films or exchange.fps) and len({number - of_images[name] for _, number, name in both}) == 1
-    for line, number, name in [] if is_shifted else both:
-        if number != of_images[name]:
-            raise VfoaError(
-                f"{path}:{line}: {header[frame]} and {header[at]}: found {number} and {name}, which is that of frame "
-                f"{of_images[name]}; expected the same frame, or one of the two columns"
-            )
-
-
-def _is_time(column: str | None) -> bool:
-    return column is not None and column.endswith(_TIMES)
-
-
-_UPLOADED = re.compile(r"(?<![^/])([0-9a-f]{8})-(?=[^/]+$)")
-"""What Label Studio puts before the name of each image that is uploaded; dates have digits alone."""
-
-
-def _before_upload(names: Iterable[str]) -> dict[str, str]:
-    """The names of images before their upload to Label Studio, by those that they have now."""
-    found = {name: _UPLOADED.search(name) for name in names}
-    is_uploaded = all(found.values()) and any(match and not match[1].isdecimal() for match in found.values())
-    return {name: _UPLOADED.sub("", name) if is_uploaded else name for name in found}
-
-
-def _is_image(name: str, *, is_short: bool) -> bool:
-    """Whether it is the name of an image with a number; ``is_short``: the suffix may be missing."""
-    plain = PurePath(name)
-    return bool(DIGITS.search(plain.stem)) and plain.suffix.lower() in (*IMAGE_SUFFIXES, *([""] if is_short else []))
 
 
 # Frames with times beside them, which scripts save
@@ -323,6 +204,11 @@ _PLACES_OF_FRAMES = (("first_frame", "last_frame"), ("frame",), ("first_frame",)
 _BEGINNINGS = ("start_s", "start_ms", "start_ns", "time_s", "time_ms", "time_us", "time_ns")
 _TIMES = ("_s", "_ms", "_us", "_ns")
 """Ends of the names of columns of times."""
+
+
+def is_time(column: str | None) -> bool:
+    """Whether a column, or None, is one of times."""
+    return column is not None and column.endswith(_TIMES)
 
 
 def without_times(
@@ -339,7 +225,7 @@ def without_times(
         If rows are at other times than their frames are in the clip.
     """
     place = next((place for place in _PLACES_OF_FRAMES if columns.keys() >= {*place}), None)
-    times = [name for name in columns if name.endswith(_TIMES)]
+    times = [name for name in columns if is_time(name)]
     begin = next((name for name in _BEGINNINGS if name in times), None)
     if place is None or begin is None or (len(place) == 1 < len(times)):
         return dict(columns), []
@@ -348,7 +234,7 @@ def without_times(
         apart = [
             (line, cells[columns[place[0]]], _ns(cells[columns[begin]], begin, exchange.fps) - clip_ns[number])
             for line, cells in lines
-            if (number := _frame_number(cells[columns[place[0]]])) in clip_ns and _is_clock(cells[columns[begin]])
+            if (number := frame_number(cells[columns[place[0]]])) in clip_ns and _is_clock(cells[columns[begin]])
         ]
     except VfoaError:
         apart = []

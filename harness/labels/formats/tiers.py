@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from pathlib import Path
 
 from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, one_line
-from harness.labels.formats.own_table import COLUMNS
+from harness.labels.formats.table_columns import COLUMNS
 from harness.labels.labels import Label
 from harness.labels.rows import SUGGESTED, parse_point, parse_tags
 from vfoa.errors import VfoaError, check_known, counted

@@ -1,8 +1,8 @@
 """VIA 3, VGG's annotator of videos: an attribute for each subject, whose segments have the targets as values.
 
 An attribute may hold several subjects, if it is called ``subject`` or another name of
-:data:`~harness.labels.formats.own_table.COLUMNS`: a row of VIA's timeline is then a subject, and another attribute of
-the same segments has the targets.
+:data:`~harness.labels.formats.table_columns.COLUMNS`: a row of VIA's timeline is then a subject, and another attribute
+of the same segments has the targets.
 
 A project (JSON) has the names of its attributes with their options, its files, its views (each one film), and its
 metadata: entries with a view, times ``z`` in seconds (a segment has two), a region ``xy`` and the values ``av`` of

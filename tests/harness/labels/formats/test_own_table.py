@@ -11,7 +11,8 @@ from hypothesis import given
 from harness.labels.formats import FORMATS
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
-from harness.labels.formats.own_table import COLUMNS, FURTHER_COLUMNS, OwnTable
+from harness.labels.formats.own_table import OwnTable
+from harness.labels.formats.table_columns import COLUMNS, FURTHER_COLUMNS
 from harness.labels.labels import LabelRange, Labels, timeline_of
 from tests.disk import write_text
 from tests.exchanges import PlainClip, exchange, labels_of, row
