@@ -169,8 +169,8 @@ class AnnotationFiles:
     They are searched in ``annotations`` beside the manifest's folder, then in that of the working directory, if no
     other clip has this name there. Labels that came with the program belong only to clips that did, never to another
     clip of the same name. ``with_clip`` are the clip's root and the path of labels below it, as configured, which are
-    searched last. A clip beside whose folder another one has a manifest of the same name is refused by every method,
-    as they would share labels; one in a folder ``datasets`` is not.
+    searched last. Files beside a manifest's folder that another manifest of the same name would share are refused, when
+    they are found and when they are written; those of a manifest in a folder ``datasets`` are not.
     """
 
     clip: str

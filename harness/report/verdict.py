@@ -30,9 +30,9 @@ def verdict_lines(scores: Scores) -> list[str]:
     """The result of a run, the answer first, in at most :data:`MOST_LINES` lines of :data:`MOST_CHARACTERS`.
 
     The best configuration over all clips and its interval; whether it beats the best baseline, and the rate of constant
-    answers that saw the labels if they are as good; which differences
-    between configurations are shown, in a grid by factor over all values of the others; what to try next, by the errors
-    of the best one. The oracle ablation is left out. Long names lose their middles.
+    answers that saw the labels if they are as good; which differences between configurations are shown, in a grid by
+    factor over all values of the others; what to try next, by the errors of the best one. The oracle ablation is left
+    out. Long names lose their middles.
     """
     rows = compared_rows(scores)
     if not rows:

@@ -71,7 +71,7 @@ def answer_table(records: ClipRecords) -> tuple[tuple[str, ...], list[tuple[obje
             chances = dict[str, float]()
             if target not in (None, NO_HIT):
                 # zeros where nothing else is there: a blank row would say that no probability is known
-                chances = _chances(record, person) or dict.fromkeys(with_chances, 0.0)
+                chances = record.sums_by_name(person) or dict.fromkeys(with_chances, 0.0)
             rows.append((record.frame, name, target, instance_id, *(chances.get(other) for other in with_chances)))
     return header, rows
 
@@ -88,13 +88,3 @@ def _focus(record: FrameRecord, person: SubjectRecord, nothing: str) -> tuple[st
     name = record.target(person.focus).name
     is_shared = sum(target.name == name for target in record.targets) > 1
     return name, person.focus if is_shared else None
-
-
-def _chances(record: FrameRecord, person: SubjectRecord) -> dict[str, float]:
-    """The probability of each name, in the order of the attention."""
-    names = {target.instance_id: target.name for target in record.targets}
-    chances: dict[str, float] = {}
-    for value in person.attention:
-        name = names[value.instance_id]
-        chances[name] = chances.get(name, 0.0) + value.total
-    return chances

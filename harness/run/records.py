@@ -117,6 +117,15 @@ class FrameRecord:
         """The target with this instance id."""
         return next(target for target in self.targets if target.instance_id == instance_id)
 
+    def sums_by_name(self, subject: SubjectRecord) -> dict[str, float]:
+        """A subject's total attention by the targets' name, in its order; of targets that share a name, the sum."""
+        names = {target.instance_id: target.name for target in self.targets}
+        sums: dict[str, float] = {}
+        for value in subject.attention:
+            name = names[value.instance_id]
+            sums[name] = sums.get(name, 0.0) + value.total
+        return sums
+
 
 def renamed(record: FrameRecord, names: Mapping[str, str]) -> FrameRecord:
     """The same record with the present names of renamed targets."""

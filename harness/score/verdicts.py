@@ -173,11 +173,7 @@ def probabilities(subject: SubjectRecord) -> dict[int | None, float]:
 
 def name_probabilities(record: FrameRecord, subject: SubjectRecord) -> dict[str, float]:
     """The probability of each name, that of all objects which have it, and of :data:`NOWHERE`."""
-    by_name: dict[str, float] = {}
-    for number, chance in probabilities(subject).items():
-        name = NOWHERE if number is None else record.target(number).name
-        by_name[name] = by_name.get(name, 0.0) + chance
-    return by_name
+    return {**record.sums_by_name(subject), NOWHERE: probabilities(subject)[None]}
 
 
 def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...]:
