@@ -1,8 +1,8 @@
 """A table of one's own, of a spreadsheet or a script: a row for each look, or for each frame.
 
 Its columns are found by their names (:mod:`harness.labels.formats.table_columns`), in any order, case and dialect of
-CSV (:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` to ``end``, or for a
-``duration``, in seconds, milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in
+CSV (:mod:`harness.files.dialects`); others are left out, with a note. A row holds from ``start`` up to ``end``, or for
+a ``duration``, in seconds, milliseconds or ``h:mm:ss``; or from ``first_frame`` to ``last_frame``, both included; or in
 one frame, which is that of the number ``frame``, or in the name of an ``image``, or nearest to ``time_s``, ``time_ms``,
 ``time_us`` or ``time_ns``; of several such rows, a frame takes the nearest. Nanoseconds, and times since 1970 in any
 unit or as dates, are of the clip's own clock, if no offset is given. If asked for (:attr:`Exchange.until_next`), a row
