@@ -35,7 +35,7 @@ from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, read_clip_records
 from harness.score.verdicts import name_probabilities
-from harness.sources import FilmClip
+from harness.sources import FilmClip, MeasuredClip
 from vfoa.errors import VfoaError, check_known, counted
 
 
@@ -50,6 +50,7 @@ def open_exchange(manifest: ClipManifest, **options: Any) -> Exchange:
         subjects=subjects,
         targets=targets,
         former=manifest.names_now({}),
+        has_images=not isinstance(clip, MeasuredClip),
         films=films,
         **options,
     )

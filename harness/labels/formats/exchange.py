@@ -145,8 +145,11 @@ class Exchange:
         The manifest's names.
     former
         The present names of renamed targets by earlier name, for messages.
+    has_images
+        Whether the other program can show the clip's frames. A film of a clip without images is another camera's.
     fps
-        The rate at which the other program shows the clip's frames; None: at the clip's own times.
+        The rate at which the other program shows the clip's frames, or of the frames of another camera's film; None: at
+        the clip's own times.
     offset
         Time of the clip's first frame in the other program, seconds; None: as the file and the film say.
     films
@@ -174,6 +177,7 @@ class Exchange:
     subjects: Collection[str]
     targets: Collection[str]
     former: Mapping[str, str] = field(default_factory=dict)
+    has_images: bool = True
     fps: float | None = None
     offset: float | None = None
     films: Mapping[str, float] = field(default_factory=dict)
@@ -218,7 +222,7 @@ class Exchange:
                 "--fps: missing; expected it, since the clip's frame rate is not known and this format holds times"
             )
         begin_s = next(iter(self.films.values()), 0.0) if self.offset is None else self.offset
-        if self.fps is not None:
+        if self.fps is not None and self.has_images:
             times_ns = [round(place * 1e9 / self.fps) for place in self.places]
         else:
             own = self.timeline.times_ns
@@ -379,7 +383,21 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object, *, shown
     exchange.names.check(path)  # labels of an unknown name may overlap with others, which is not what is wrong
     check_sequence(rows, exchange.timeline, allow_gaps=True)
     imported = exchange.labels((row for _, row in rows), path)
+    imported = replace(imported, notes=(*_on_rate(timeline, exchange, path), *imported.notes))
     return without(outside, _with_cut(inside, timeline, imported, path), path)
+
+
+def _on_rate(shown: Timeline, exchange: Exchange, path: object) -> Iterator[str]:
+    """A note if the rate of the other program makes the clip longer or shorter than it is."""
+    if exchange.fps is None or exchange.rate_hz is None or len(exchange.frames) < 2:
+        return
+    of_film, own = ((times[-1] - times[0]) / 1e9 for times in (shown.times_ns, exchange.timeline.times_ns))
+    if abs(of_film / own - 1) > _SAME_RATE:
+        yield (
+            f"{path}: --fps {exchange.fps:g}: read as labels of a film that shows every frame of the clip, in "
+            f"{of_film:.4g} s; by its own times the clip lasts {own:.4g} s. Labels of another camera's film: give "
+            "seconds (a table's start and end), without --fps."
+        )
 
 
 _NOTED_NS = 1_000_000_000

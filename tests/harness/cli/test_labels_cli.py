@@ -266,6 +266,15 @@ def test_labels_that_are_replaced_come_back_by_the_command_that_is_printed(
     assert (code, said.count("\n"), rows()) == (2, 1, before)
 
 
+def test_frames_of_a_film_beside_motion_capture_have_the_film_s_rate(
+    measured: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    film = write_text(Path("film.csv"), "person,target,first_frame,last_frame\nanna,robot,10,21\nanna,ben,22,33\n")
+    words = ("labels", "import", str(film), "--clip", "talk", "--format", "table", "--annotator", "film")
+    assert vfoa(monkeypatch, capsys, *words, "--fps", "50", "--offset", "0.2")[0] == 0
+    assert measured.with_name("talk@film.csv").read_text().splitlines()[2:] == ["1,6,anna,robot,", "7,12,anna,ben,"]
+
+
 def test_undo_takes_back_a_renamed_target_of_a_clip_without_images(
     measured: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

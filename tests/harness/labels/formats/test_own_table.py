@@ -222,6 +222,16 @@ def test_with_a_rate_frames_are_those_of_another_program_from_0(tmp_path: Path) 
     assert labels == Labels([row(1, 2, "bird"), row(3, 5, "none")])
 
 
+@pytest.mark.parametrize("has_images", [True, False])
+def test_a_film_of_another_rate(tmp_path: Path, has_images: bool) -> None:
+    """Two frames of the film are one of the clip, if it has no images; else it may show these, at half their speed."""
+    text = "first_frame,last_frame,subject,target\n10,13,girl,bird\n14,19,girl,none\n"
+    labels, notes = _read(tmp_path, text, fps=20.0, offset=0.5, has_images=has_images)
+    clip_frames = [(1, 4, "bird"), (5, 5, "none")] if has_images else [(1, 2, "bird"), (3, 5, "none")]
+    assert labels == Labels([row(*each) for each in clip_frames])
+    assert any("--fps 20" in note and "0.2 s" in note and "0.4 s" in note for note in notes) is has_images
+
+
 def test_rows_without_a_0_or_1_have_no_label(tmp_path: Path) -> None:
     text = "frame,subject,bird,cup\n1,girl,1,0\n2,girl,,\n3,girl,0,0\n4,girl,0,\n"
     labels, notes = _read(tmp_path, text)
