@@ -10,6 +10,7 @@ outlier  points farther from their neighbours than is usual in this cloud: singl
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from itertools import permutations
 from typing import Literal, Self
@@ -17,7 +18,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from vfoa.geometry import back_project, left_from_crop, project, turn_about_z
+from vfoa.geometry import back_project, left_from_crop, length_of, turn_about_z, unit
 from vfoa.pixels import ViewMaps, Window, known_pixels, points_of, window_of
 from vfoa.settings import Settings
 from vfoa.types import (
@@ -214,9 +215,9 @@ def covering_person(head: Head, instances: Instances, rig: StereoRig, labels: Co
 
 # The eye origin: the point between the eyes where gaze begins, from a head's box, its depths and its direction
 #
-# head   The head is a ball, seen as the ellipse in its box. Each pixel gives an estimate of the depth of the ball's
-#        middle; their median is used. The eyes are where the head's direction leaves the ball. Its radius is the mean
-#        half side of the box, since a head is about as long as the mean of its breadth and its height.
+# head   The head is an ellipsoid that touches the planes through the camera and the sides of its box, and is as long as
+#        the mean of its breadth and its height. Each pixel gives an estimate of the distance of its middle; the median
+#        is used. The eyes are where the head's direction leaves the ball of that mean radius about the middle.
 # patch  The paper's (Simões and Moreno 2022): the median of the points of a square patch, centred in the box, at 35 %
 #        of its height from the top. It is right for a head turned to the camera. For one turned by 40 degrees, or bent
 #        over a table, the patch lies on the temple or the hair, and the cone's apex is off by up to 7 cm.
@@ -243,19 +244,30 @@ def eye_origin(
 def _ball(
     head: Head, instance_id: int | None, seen: ViewMaps, settings: ReconstructionSettings
 ) -> tuple[Float, float] | None:
-    """Middle (3,) and radius of the ball in a head's box, metres; None if the ball would contain the camera."""
+    """Middle (3,) and radius of the ball in a head's box, metres; None if too few points are known."""
     u0, v0, u1, v1 = head.box_px
-    rig = seen.rig
-    points = _points_in((u0, v0, u1, v1), instance_id, seen, settings.max_eye_points)
-    middle, half = np.array([u0 + u1, v0 + v1]) / 2, np.array([u1 - u0, v1 - v0]) / 2
-    from_middle = (((project(points, rig) - middle) / half) ** 2).sum(axis=1)
-    inside = from_middle <= 1
-    radius_per_m = float((half / [rig.fx_px, rig.fy_px]).mean())
-    if np.count_nonzero(inside) < settings.min_eye_points or radius_per_m >= 1:
+    (left, top, _), (right, bottom, _) = back_project([u0, u1], [v0, v1], 1, seen.rig)
+    (x, half_x), (y, half_y) = _tangent_circle(left, right), _tangent_circle(top, bottom)
+    towards = np.array([x, y, 1])
+    half = np.array([half_x, half_y]) / length_of(towards)
+    radius = float(half.mean())
+    points = _points_in((u0, v0, u1, v1), instance_id, seen, settings.max_eye_points) @ left_from_crop(towards)
+    aside = ((points[:, :2] / points[:, 2:] / half) ** 2).sum(axis=1)
+    # a ray (slopes, 1) enters the ellipsoid about (0, 0, 1) at the smaller root of a quadratic equation in its z
+    square = 1 - aside * (1 - radius**2)
+    inside = square >= 0
+    if np.count_nonzero(inside) < settings.min_eye_points:
         return None
-    # the surface is sqrt(1 - rho^2) radii in front of the middle, and the radius is proportional to the middle's depth
-    depth = float(np.median(points[inside, 2] / (1 - radius_per_m * np.sqrt(1 - from_middle[inside]))))
-    return back_project(middle[0], middle[1], depth, rig), radius_per_m * depth
+    entry = (1 - radius * np.sqrt(square[inside])) / (1 + radius**2 * aside[inside])
+    distance = float(np.median(points[inside, 2] / entry))
+    return distance * unit(towards), distance * radius
+
+
+def _tangent_circle(low: float, high: float) -> tuple[float, float]:
+    """Offset and radius, in units of its depth, of a circle that touches the lines x = low z and x = high z."""
+    first, last = math.atan(low), math.atan(high)
+    middle = (first + last) / 2
+    return math.tan(middle), math.sin(last - middle) / math.cos(middle)
 
 
 def _patch(head: Head, instance_id: int | None, seen: ViewMaps, settings: ReconstructionSettings) -> Float | None:
