@@ -2,7 +2,8 @@
 
 A box holds an object and some of what is around it. The middle of the box usually shows the object:
 
-mode   the depth that most pixels of the middle have: the fullest bins of a histogram of ln z
+mode   the depth that most pixels of the middle have: the fullest bins of a histogram of ln z; if the object of another
+       drawn box hides the middle, that of most pixels that are left
 band   pixels of the whole box within a margin of that depth belong to the object
 
 The margin is a share of the depth (stereo is less exact farther away) or, if that is more, a share of the box's shorter
@@ -90,6 +91,16 @@ class PlacedShape:
     window: Window
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Cut:
+    """A shape's depth (infinity where none is known), its pixels in its window, and their share of the window."""
+
+    placed: PlacedShape
+    depth_m: float
+    mask: Mask
+    filled: float
+
+
 class Drawing(Protocol):
     """The shapes that a person drew on a clip, as :func:`vfoa.pipeline.perceive` uses them."""
 
@@ -160,14 +171,19 @@ class DrawnShapes:
         if not drawn:
             return instances
         new = [placed for placed in drawn if placed.is_new]
+        taken = np.full(instances.ids.shape, False)
+        alone = [self._cut(placed, disparity, instances, taken, frame.rig) for placed in new]
         cuts = []
-        for placed in new:
-            depth_m = depth_from_disparity(disparity.disparity_px[placed.window], frame.rig)
-            is_free = np.equal(instances.ids[placed.window], 0)
-            cuts.append((*self._cut(placed, depth_m, is_free, frame.rig), placed))
+        # what hides the middle of a box from others is the object of the box that it fills best
+        for place in sorted(range(len(new)), key=lambda place: -alone[place].filled):
+            cut = alone[place]
+            if taken[cut.placed.window].any():
+                cut = self._cut(cut.placed, disparity, instances, taken, frame.rig)
+            taken[cut.placed.window] |= cut.mask
+            cuts.append(cut)
         ids = instances.ids.copy()
-        for _, mask, placed in sorted(cuts, key=lambda cut: -cut[0]):
-            ids[placed.window][mask] = placed.instance_id
+        for cut in sorted(cuts, key=lambda cut: -cut.depth_m):
+            ids[cut.placed.window][cut.mask] = cut.placed.instance_id
         names = {placed.instance_id: placed.shape.name for placed in drawn if not placed.is_new}
         lost = covered_things(instances, ids) - names.keys()
         ids[np.isin(ids, list(lost))] = 0
@@ -180,11 +196,14 @@ class DrawnShapes:
         grown = POINT_RADIUS_PX if shape.kind == "point" else 0.0
         return window_of(u0 - grown, v0 - grown, u1 + grown, v1 + grown, rig)
 
-    def _cut(self, placed: PlacedShape, depth_m: Float, is_free: Mask, rig: StereoRig) -> tuple[float, Mask]:
-        """Return a shape's depth in metres (infinity where none is known) and its pixels in its window.
+    def _cut(
+        self, placed: PlacedShape, disparity: Disparity, instances: Instances, taken: Mask, rig: StereoRig
+    ) -> _Cut:
+        """Cut a shape out of what is not ``taken`` (H, W); of everything if too little is left.
 
-        If these are too few, free pixels of unknown depth are added.
+        If its pixels are too few, those of unknown depth that the model leaves free are added.
         """
+        depth_m = depth_from_disparity(disparity.disparity_px[placed.window], rig)
         middle, (u0, v0, u1, v1) = self._settings.middle, placed.shape.box_px
         if placed.shape.kind == "point":
             width, height = 2 * POINT_RADIUS_PX, 2 * POINT_RADIUS_PX
@@ -194,16 +213,17 @@ class DrawnShapes:
         outline = np.full(depth_m.shape, True) if placed.shape.kind == "box" else across**2 + down**2 <= 1
         inside = outline & np.isfinite(depth_m)
         is_middle = (np.abs(across) <= middle) & (np.abs(down) <= middle)
-        samples = depth_m[inside & is_middle]
-        if not len(samples):
-            samples = depth_m[inside]
+        free = inside & ~taken[placed.window]
+        least = min(LEAST_PIXELS, int(np.count_nonzero(inside & is_middle))) or 1
+        choices = (free & is_middle, free, inside & is_middle, inside)
+        samples = next((depth_m[choice] for choice in choices if np.count_nonzero(choice) >= least), np.array([]))
         mode = depth_mode(samples, DEPTH_SHARE) if len(samples) else np.inf
         side_m = mode * min(width / rig.fx_px, height / rig.fy_px)
         margin = max(DEPTH_SHARE * mode, SIZE_SHARE * side_m)
         mask = inside & (np.abs(np.where(inside, depth_m, 0) - mode) <= margin)
         if np.count_nonzero(mask) < LEAST_PIXELS:
-            mask |= outline & is_free & np.isnan(depth_m)
-        return mode, mask
+            mask |= outline & np.equal(instances.ids[placed.window], 0) & np.isnan(depth_m)
+        return _Cut(placed=placed, depth_m=mode, mask=mask, filled=np.count_nonzero(mask) / outline.size)
 
 
 def depth_mode(depths_m: NDArray[np.floating], share: float) -> float:

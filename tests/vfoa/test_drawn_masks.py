@@ -132,6 +132,30 @@ def test_of_two_boxes_the_nearer_hides_the_farther_whatever_their_order() -> Non
         assert found.ids[20, 50] == ids["far"]
 
 
+@pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)])
+@pytest.mark.parametrize(
+    ("near", "far"),
+    [
+        ((slice(14, 34), slice(16, 46)), (slice(8, 40), slice(8, 56))),
+        ((slice(8, 40), slice(10, 40)), (slice(8, 40), slice(18, 48))),
+    ],
+    ids=["a cup before the middle of a laptop", "one person before most of another"],
+)
+def test_what_hides_the_middle_of_a_box_is_not_cut_out_as_its_object(
+    near: tuple[slice, slice], far: tuple[slice, slice], order: slice
+) -> None:
+    depths = _depths((far, 2.0), (near, 1.2))
+    shapes = [
+        shape(name, (columns.start - 0.5, rows.start - 0.5, columns.stop - 0.5, rows.stop - 0.5))
+        for name, (rows, columns) in (("near", near), ("far", far))
+    ]
+    found, _ = _draw(shapes[order], depths)
+    ids = {instance.name: instance.id for instance in found.instances}
+    expected = np.zeros((48, 64), np.uint16)
+    expected[far], expected[near] = ids["far"], ids["near"]
+    np.testing.assert_array_equal(found.ids, expected)
+
+
 def test_a_point_is_a_disc_in_its_band_of_depth() -> None:
     lamp = (slice(0, 48), slice(30, 64))
     found, _ = _draw([shape("lamp", (34, 20, 34, 20), "point")], _depths((lamp, 1.0)))
