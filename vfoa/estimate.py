@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vfoa.scoring import NOWHERE
 from vfoa.types import Attention, FrameResult, NoAttention, Percepts
 
 _REASONS = {
@@ -37,6 +38,15 @@ class Look:
     distance_m: float
     values: Mapping[str, float]
     missing: NoAttention | None = None
+
+    @property
+    def answer(self) -> str | None:
+        """The answer as :func:`vfoa.score` takes it.
+
+        The target's name, ``"none"`` for nothing (where cones hit nothing, too: a run does not count that as an
+        answer), None where it is unknown.
+        """
+        return NOWHERE if self.target is None and self.missing is None else self.target
 
     def __str__(self) -> str:
         if self.missing is not None:

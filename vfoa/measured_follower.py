@@ -17,6 +17,7 @@ from vfoa.errors import VfoaError, reported_as
 from vfoa.estimate import Look, looks_of
 from vfoa.measured import HEAD_SIZE_M, PERSON, Observed, box_around, box_of, target_of
 from vfoa.pipeline import Attending
+from vfoa.scoring import IGNORED, NOWHERE
 from vfoa.times import time_of_frame
 from vfoa.tracking import Tracker
 from vfoa.types import Box3D, Scene, Target
@@ -98,6 +99,8 @@ class MeasuredFollower:
             for name in table:
                 if not (isinstance(name, str) and name):
                     raise VfoaError(f"{what}: expected names, texts that are not empty, found {name!r}")
+                if name in (NOWHERE, IGNORED):
+                    raise VfoaError(f"{what}: {name!r} is the label of no target; expected another name")
         boxes: dict[str, Box3D | None] = {}
         seen = []
         self._people |= people.keys()

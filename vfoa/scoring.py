@@ -104,7 +104,7 @@ def score(
     answers
         The answers, in the same order: a name, ``"none"``, or None or ``""`` where there is no answer, which is wrong.
         ``"(nothing hit)"`` and ``"no_hit"``, as tables of a run have them, are right where the label is ``"none"``, and
-        no answer.
+        no answer. :attr:`vfoa.estimate.Look.answer` is of this form; ``target`` is not: it is None for nothing, too.
     probabilities
         By target, and perhaps for ``"none"``: the probability (n,) in each frame. Without ``"none"``, it has what is
         left up to 1. NaN, an empty cell, is 0 beside others of the frame. Those of frames without an answer are not
@@ -151,6 +151,9 @@ def _names(values: Iterable[Any], what: str, words: Collection[str]) -> NDArray[
 
     Of the words that cannot be a target's name, only ``words`` and :data:`NOWHERE` are taken.
     """
+    if isinstance(values, str | bytes | Mapping) or getattr(values, "ndim", 1) != 1:
+        shape = getattr(values, "shape", "")
+        raise VfoaError(f"score: {what}: found {type(values).__name__} {shape}; expected a list or one column")
     names = np.array([_name(value) for value in values], dtype=np.str_)
     if found := sorted(_EMPTY_AS_TEXT.intersection(names.tolist())):
         raise VfoaError(

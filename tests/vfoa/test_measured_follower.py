@@ -94,6 +94,25 @@ def test_what_was_not_measured_is_unknown() -> None:
 
 
 @pytest.mark.parametrize("method", ["bayes", "logit", "nearest", "cones"])
+def test_answers_are_scored_also_those_of_nothing(method: str) -> None:
+    limit = {"attention.limit_deg": 20} if method == "nearest" else {}
+    follower = vfoa.MeasuredFollower({"attention.method": method, **limit})
+    away = [np.negative(_at(CUP))] * 30
+    looks = [follower.step({"anna": Observed(eyes_m=EYES, gaze=gaze)}, {"cup": CUP})[0] for gaze in [*away, None]]
+    scored = vfoa.score(["none"] * 31, [look.answer for look in looks])
+    assert (looks[-1].target, looks[-1].answer) == (None, None)
+    assert (scored.correct, scored.coverage) == (30, pytest.approx(30 / 31))
+    (look,) = follower.step({"anna": Observed(eyes_m=EYES, gaze=_at(CUP))}, {"cup": CUP})
+    assert look.answer == look.target
+
+
+@pytest.mark.parametrize("name", ["none", "ignore"])
+def test_no_target_is_called_as_the_label_of_none(name: str) -> None:
+    with pytest.raises(VfoaError, match=f"objects: '{name}'"):
+        vfoa.MeasuredFollower().step({"anna": Observed(eyes_m=EYES, gaze=_at(CUP))}, {name: CUP})
+
+
+@pytest.mark.parametrize("method", ["bayes", "logit", "nearest", "cones"])
 def test_every_method_answers_with_its_memory(method: str) -> None:
     follower = vfoa.MeasuredFollower({"attention.method": method})
     for frame in range(30):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -152,6 +153,10 @@ def test_calibration_is_the_distance_of_confidence_from_the_share_of_right_answe
         (["cup", "cup"], ["ignore", "cup"], None, "answers.*'ignore'"),
         (["cup", "cup"], ["no prediction", "cup (another of this name)"], None, "answers.*'cup \\(another"),
         (["ignore", None], ["cup", "cup"], None, "truth.*all 2"),
+        (["cup"], np.array([["cup"]]), None, "answers: found ndarray \\(1, 1\\)"),
+        (pd.DataFrame({"truth": ["cup"]}), ["cup"], None, "truth: found DataFrame"),
+        ({"a": "cup"}, ["cup"], None, "truth: found dict"),
+        (["cup"] * 3, "cup", None, "answers: found str"),
         (["cup"], ["cup"], {"cup": [0.5, 0.5]}, "'cup'.*\\(2,\\).*\\(1,\\)"),
         (["cup"], ["cup"], {"cup": [1.5]}, "'cup'.*0 to 1.*1.5"),
         (["cup"], ["cup"], {"cup": [math.nan]}, "'cup'.*nan"),
@@ -161,7 +166,7 @@ def test_calibration_is_the_distance_of_confidence_from_the_share_of_right_answe
     ],
 )
 def test_what_cannot_be_scored_is_one_line(
-    truth: list[str | None], answers: list[str | None], probabilities: dict[str, list[float]] | None, message: str
+    truth: Any, answers: Any, probabilities: dict[str, list[float]] | None, message: str
 ) -> None:
     with pytest.raises(VfoaError, match=message):
         vfoa.score(truth, answers, probabilities)
