@@ -287,6 +287,7 @@ frame. The timelines below show truth, answer and verdict over time.
 - **Yellow** is the gaze, **blue** is the head: an arrow, and of the method `cones` its cones and their rays. Rays that
   hit a box are bright and end at the first one; of those that hit nothing every second is there, and dim.
 - **Green** marks what the person truly looks at, **red** a wrong answer: a box, and a line from the eyes to it.
+  Of several objects of the true name, all are green if the label and the answer do not say which one is meant.
 - **Attention**: one curve per target, and with probabilities a grey one of looking at *none*; the highest is the
   answer. The tabs beside it show the part of each cue.
 

@@ -78,33 +78,38 @@ def _states(palette: dict[str, Colour]) -> rr.StateConfiguration:
 
 
 def _log_answers(log: FrameLog, record: FrameRecord, verdict: Verdict, label: Label | None) -> None:
-    """Log the box of the true target in green, that of a wrong answer in red, and the line from the eyes to each."""
+    """Log the box of the true target in green, that of a wrong answer in red, and the line from the eyes to each.
+
+    Of several true targets the one that is the answer is marked; if none is, all are, since any may be meant.
+    """
     names = subject_names(record)
     subject = next((s for s in record.subjects if names[s.track_id] == verdict.subject), None)
     focus = None if subject is None else subject.focus
     true = [] if label is None else [target for target in true_targets(record, label) if target.box]
-    answers = [("truth", true, verdict.truth)]
+    answers = [("truth", [target for target in true if target.instance_id == focus] or true, verdict.truth)]
     if verdict.outcome == "wrong":
         answers.append(("predicted", [] if focus is None else [record.target(focus)], predicted_in_words(verdict)))
     for what, targets, words in answers:
-        target = next((each for each in targets if each.instance_id == focus), targets[0] if targets else None)
-        if target is None or target.box is None:
+        boxes = [target.box for target in targets if target.box is not None]
+        if not boxes:
             continue
         path = entities.answer_3d(verdict.configuration, verdict.subject, what)
+        centers = np.array([box.center_m for box in boxes], dtype=np.float32)
         log.row(
             f"{path}/box",
             rr.Boxes3D,
-            centers=[target.box.center_m],
-            half_sizes=[np.array(target.box.half_size_m) * _MARGIN],
-            quaternions=[quaternion(np.transpose(target.box.axes))],
+            centers=centers,
+            half_sizes=[np.array(box.half_size_m) * _MARGIN for box in boxes],
+            quaternions=[quaternion(np.transpose(box.axes)) for box in boxes],
         )
         # above the box: the target's own name is in its middle
-        height_m = float(np.abs(np.transpose(target.box.axes)[1]) @ target.box.half_size_m) * _LABEL_HEIGHT
-        above = np.array([target.box.center_m], dtype=np.float32) - np.array([[0, height_m, 0]], dtype=np.float32)
-        log.row(f"{path}/label", rr.Points3D, positions=above, labels=[f"{what}: {words}"])
+        heights_m = [float(np.abs(np.transpose(box.axes)[1]) @ box.half_size_m) * _LABEL_HEIGHT for box in boxes]
+        above = centers - np.array([(0, height_m, 0) for height_m in heights_m], dtype=np.float32)
+        log.row(f"{path}/label", rr.Points3D, positions=above, labels=[f"{what}: {words}"] * len(boxes))
         if subject is not None and subject.eye_origin_m is not None:
-            ends = np.array([subject.eye_origin_m, target.box.center_m], dtype=np.float32)
-            log.row(f"{path}/line", rr.LineStrips3D, strips=ends[None])
+            eyes = np.broadcast_to(np.array(subject.eye_origin_m, dtype=np.float32), centers.shape)
+            strips = np.stack([eyes, centers], axis=1)
+            log.row(f"{path}/line", rr.LineStrips3D, strips=strips)
 
 
 def log_styles(stream: rr.RecordingStream, configuration: str, subjects: Iterable[str], paths: Collection[str]) -> None:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
@@ -19,7 +20,7 @@ from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory, new_run_id
 from harness.run.grid import OF_LAYERS
 from harness.run.table_records import TableReader, read_records
-from tests.harness.record.conftest import ANN, LABEL, LABELS, LAYERS, four_frames, under, write_run
+from tests.harness.record.conftest import ANN, LABEL, LABELS, LAYERS, four_frames, show, under, write_run
 from tests.harness.record.conftest import shared as seen_by
 from tests.record_tables import write_tables
 from tests.records import write_manifest
@@ -260,6 +261,24 @@ def test_of_two_targets_of_a_name_the_one_at_the_labels_point_is_the_truth(share
     for what, name in (("truth", "red cup"), ("predicted", "book#4")):
         (centre,) = columns.at(entities.answer_3d("one", ANN, what, "box"), "Boxes3D:centers")[14]
         assert centre == pytest.approx(centres[name], abs=1e-6)
+
+
+def test_of_two_targets_of_a_name_that_no_answer_tells_apart_both_are_the_truth(tmp_path, read_back):
+    """One of them alone, in green, would say which one somebody looks at."""
+    shown = show(10, things=(1, 2, 4), gaze_at=2)
+    first, cup, book = shown.record.targets
+    other = replace(book, name="red cup")
+    (ann,) = shown.record.subjects
+    records = [
+        replace(shown.record, targets=(first, cup, other), subjects=(replace(ann, focus=focus),)) for focus in (None, 4)
+    ]
+    frames = [replace(shown, record=replace(each, frame=number)) for number, each in enumerate(records)]
+    columns = read_back(write_run(tmp_path / "run", {"one": frames}))
+    boxes = columns.at(entities.answer_3d("one", ANN, "truth", "box"), "Boxes3D:centers")
+    assert boxes[0] == pytest.approx(np.array([cup.box.center_m, other.box.center_m]), abs=1e-6)
+    assert boxes[1] == pytest.approx(np.array([other.box.center_m]), abs=1e-6)
+    (line, _) = columns.at(entities.answer_3d("one", ANN, "truth", "line"), "LineStrips3D:strips")[0]
+    assert line == pytest.approx(np.array([ann.eye_origin_m, cup.box.center_m]), abs=1e-6)
 
 
 def test_a_frame_without_a_right_image_has_no_disparity(frames, tmp_path, read_back):
