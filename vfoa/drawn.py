@@ -171,18 +171,8 @@ class DrawnShapes:
         if not drawn:
             return instances
         new = [placed for placed in drawn if placed.is_new]
-        taken = np.full(instances.ids.shape, False)
-        alone = [self._cut(placed, disparity, instances, taken, frame.rig) for placed in new]
-        cuts = []
-        # what hides the middle of a box from others is the object of the box that it fills best
-        for place in sorted(range(len(new)), key=lambda place: -alone[place].filled):
-            cut = alone[place]
-            if taken[cut.placed.window].any():
-                cut = self._cut(cut.placed, disparity, instances, taken, frame.rig)
-            taken[cut.placed.window] |= cut.mask
-            cuts.append(cut)
         ids = instances.ids.copy()
-        for cut in sorted(cuts, key=lambda cut: -cut.depth_m):
+        for cut in sorted(self._cuts(new, disparity, instances, frame.rig), key=lambda cut: -cut.depth_m):
             ids[cut.placed.window][cut.mask] = cut.placed.instance_id
         names = {placed.instance_id: placed.shape.name for placed in drawn if not placed.is_new}
         lost = covered_things(instances, ids) - names.keys()
@@ -195,6 +185,29 @@ class DrawnShapes:
         u0, v0, u1, v1 = shape.box_px
         grown = POINT_RADIUS_PX if shape.kind == "point" else 0.0
         return window_of(u0 - grown, v0 - grown, u1 + grown, v1 + grown, rig)
+
+    def _cuts(
+        self, new: Sequence[PlacedShape], disparity: Disparity, instances: Instances, rig: StereoRig
+    ) -> list[_Cut]:
+        """Cut the nearest shape out first: it may hide the others. Of equally near ones, the one that it fills best."""
+        taken = np.full(instances.ids.shape, False)
+        waiting = [self._cut(placed, disparity, instances, taken, rig) for placed in new]
+        done = []
+        while waiting:
+            nearest = min(cut.depth_m for cut in waiting) * (1 + DEPTH_SHARE)
+            first = max((cut for cut in waiting if cut.depth_m <= nearest), key=lambda cut: cut.filled)
+            done.append(first)
+            mine = np.full(taken.shape, False)
+            mine[first.placed.window] = first.mask
+            taken |= mine
+            waiting = [
+                self._cut(cut.placed, disparity, instances, taken, rig)
+                if (mine[cut.placed.window] & cut.mask).any()
+                else cut
+                for cut in waiting
+                if cut is not first
+            ]
+        return done
 
     def _cut(
         self, placed: PlacedShape, disparity: Disparity, instances: Instances, taken: Mask, rig: StereoRig

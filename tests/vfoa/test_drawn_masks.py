@@ -156,6 +156,22 @@ def test_what_hides_the_middle_of_a_box_is_not_cut_out_as_its_object(
     np.testing.assert_array_equal(found.ids, expected)
 
 
+def test_a_thin_thing_close_before_a_person_keeps_its_pixels() -> None:
+    """The person fills its own box better than the vase, and is so wide that the vase is as deep as its body."""
+    person, flowers, foot = (
+        (slice(8, 40), slice(4, 34)),
+        (slice(12, 20), slice(20, 40)),
+        (slice(20, 36), slice(28, 33)),
+    )
+    depths = _depths((person, 2.0), (flowers, 1.8), (foot, 1.8))
+    shapes = [shape("person", (3.5, 7.5, 33.5, 39.5), label="person"), shape("vase", (19.5, 11.5, 39.5, 35.5))]
+    found, _ = _draw(shapes, depths)
+    ids = {instance.name: instance.id for instance in found.instances}
+    assert (found.ids[flowers] == ids["vase"]).all()
+    assert (found.ids[foot] == ids["vase"]).all()
+    assert found.ids[38, 10] == ids["person"]
+
+
 def test_a_point_is_a_disc_in_its_band_of_depth() -> None:
     lamp = (slice(0, 48), slice(30, 64))
     found, _ = _draw([shape("lamp", (34, 20, 34, 20), "point")], _depths((lamp, 1.0)))
