@@ -6,6 +6,7 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -89,23 +90,35 @@ def distinct_names(names: Mapping[int, str]) -> dict[int, str]:
     return {number: name if uses[name] == 1 else f"{name} ({number})" for number, name in names.items()}
 
 
-def attention_by_name(record: FrameRecord, subject: SubjectRecord) -> dict[str, AttentionRecord]:
-    """A subject's attention by the target's manifest name; of instances that share a name, the greatest."""
+def attention_by_name(
+    record: FrameRecord, subject: SubjectRecord, *, probabilistic: bool
+) -> dict[str, AttentionRecord]:
+    """A subject's attention by the target's manifest name; of instances that share a name, the greatest.
+
+    Of probabilities it is their sum, as in the tables: that somebody looks at any of them.
+    """
     names = {target.instance_id: target.name for target in record.targets}
-    strongest: dict[str, AttentionRecord] = {}
+    found: dict[str, AttentionRecord] = {}
     for value in subject.attention:
-        name = names[value.instance_id]
-        if name not in strongest or value.total > strongest[name].total:
-            strongest[name] = value
-    return strongest
+        other = found.setdefault(names[value.instance_id], value)
+        if other is value:
+            continue
+        if probabilistic:
+            gaze, head = _sum(value.gaze, other.gaze), _sum(value.head, other.head)
+            value = replace(value, gaze=gaze, head=head, total=value.total + other.total)
+        if value.total > other.total:
+            found[names[value.instance_id]] = value
+    return found
+
+
+def _sum(first: float | None, second: float | None) -> float | None:
+    return None if first is None or second is None else first + second
 
 
 def totals_by_name(record: FrameRecord, subject: SubjectRecord, *, probabilistic: bool) -> dict[str, float]:
-    """A subject's total attention by the target's manifest name; of probabilities, also that of looking at nothing.
-
-    The greatest is the answer.
-    """
-    totals = {name: value.total for name, value in attention_by_name(record, subject).items()}
+    """A subject's total attention by the target's manifest name; of probabilities, also that of looking at nothing."""
+    by_name = attention_by_name(record, subject, probabilistic=probabilistic)
+    totals = {name: value.total for name, value in by_name.items()}
     return {**totals, NOWHERE: probabilities(subject)[None]} if probabilistic and totals else totals
 
 

@@ -138,7 +138,8 @@ def _log_curves(
     An entity takes 4 kB, however few its frames. A value that was not measured is NaN, which leaves a gap.
     """
     for subject in record.subjects:
-        values, person = attention_by_name(record, subject), names[subject.track_id]
+        values = attention_by_name(record, subject, probabilistic=probabilistic)
+        person = names[subject.track_id]
         curves: dict[str, dict[str, float]] = {
             "total": totals_by_name(record, subject, probabilistic=probabilistic),
             **{

@@ -20,14 +20,12 @@ from harness.record.appearance import (
     TRUTH_COLOUR,
     Colour,
     Colours,
-    attention_by_name,
     subject_names,
     target_names,
-    totals_by_name,
 )
 from harness.record.frame_log import FrameLog
 from harness.run.records import AttentionRecord, FrameRecord
-from harness.score.verdicts import ERROR_TYPES, Verdict, prediction_set, true_targets
+from harness.score.verdicts import ERROR_TYPES, Verdict, prediction_set, probabilities, true_targets
 from vfoa.geometry import quaternion
 from vfoa.scoring import NO_HIT, NO_PREDICTION, NO_TRUTH
 
@@ -200,21 +198,20 @@ def _prediction_sets(record: FrameRecord, probable: Collection[str]) -> list[str
 
 
 def _attention_table(record: FrameRecord, probable: Collection[str]) -> list[str]:
-    """One row per target, one column per subject, the most attended target first.
+    """One row per object, one column per subject, the most attended one first.
 
     Subjects whose attention is a probability, ``probable``, have a row for looking at nothing.
     """
-    names = subject_names(record)
+    names, targets = subject_names(record), target_names(record)
     columns: dict[str, dict[str, str]] = {}
     strongest: dict[str, float] = {}
     for subject in record.subjects:
         name = names[subject.track_id]
-        totals = totals_by_name(record, subject, probabilistic=name in probable)
-        by_name = attention_by_name(record, subject)
-        columns[name] = {
-            target: _numbers(by_name[target]) if target in by_name else f"{total:.2f}"
-            for target, total in totals.items()
-        }
+        totals = {targets[value.instance_id]: value.total for value in subject.attention}
+        columns[name] = {targets[value.instance_id]: _numbers(value) for value in subject.attention}
+        if totals and name in probable:
+            totals[NOWHERE] = probabilities(subject)[None]
+            columns[name][NOWHERE] = f"{totals[NOWHERE]:.2f}"
         for target, total in totals.items():
             strongest[target] = max(total, strongest.get(target, 0.0))
     lines = [f"{_cell(names[s.track_id])}: no attention, {_cell(s.missing)}\n" for s in record.subjects if s.missing]

@@ -86,7 +86,7 @@ class AttentionPart:
 
     @classmethod
     def of(cls, columns: PairColumns, *, probabilistic: bool) -> AttentionPart:
-        """The attention of each named subject; of instances that share a name, the greatest.
+        """The attention of each named subject; of instances that share a name, the greatest, of probabilities the sum.
 
         If tracks share the name of a subject, the first one is the subject's. Of probabilities, looking at nothing has
         the rest up to 1.
@@ -103,9 +103,14 @@ class AttentionPart:
         _, begins, groups = np.unique(pairs, return_index=True, return_inverse=True)
         for group in np.argsort(begins).tolist():
             within = np.flatnonzero(groups == group)
-            within = within[_greatest(people[within], columns.total[entries[within]])]
-            chosen = entries[within]
-            parts = (columns.total[chosen], columns.gaze[chosen], columns.head[chosen])
+            parts = [each[entries[within]] for each in (columns.total, columns.gaze, columns.head)]
+            if probabilistic:
+                chosen = np.flatnonzero(np.diff(people[within], prepend=-1))
+                parts = [np.add.reduceat(part, chosen) for part in parts]
+            else:
+                chosen = _greatest(people[within], parts[0])
+                parts = [part[chosen] for part in parts]
+            within = within[chosen]
             subject, target = (str(words.word(code)) for code in divmod(int(pairs[begins[group]]), len(words)))
             tracks.setdefault(subject, {})[target] = TargetValues(
                 frames=scene.frames[scene.person_at[people[within]]], values=np.stack([*map(_bytes, parts)])

@@ -74,7 +74,7 @@ def test_the_curves_of_a_manifests_names_are_one_entity(frames, record_run, read
             values = {
                 name: getattr(value, what)
                 for subject in shown.record.subjects
-                for name, value in attention_by_name(shown.record, subject).items()
+                for name, value in attention_by_name(shown.record, subject, probabilistic=False).items()
             }
             numbers = [values.get("red cup"), values.get("book#4")]
             if any(number is not None for number in numbers):

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from harness.record.appearance import Colours, attention_by_name, subject_names
 from harness.record.verdict_content import summary
 from harness.run.manifest import AnswerTraits
@@ -59,12 +61,27 @@ def test_a_name_cannot_break_the_table(frames):
     assert "\\*x\\*" in row
 
 
-def test_of_instances_that_share_a_name_the_one_with_most_attention_speaks(frames):
+def test_of_instances_that_share_a_name_the_one_with_most_attention_speaks_and_probabilities_are_added(frames):
     record = frames[0].record
     subject = record.subjects[0]
     low, high = (replace(subject.attention[0], instance_id=number, total=t) for number, t in ((2, 0.2), (3, 0.7)))
-    chosen = attention_by_name(record, replace(subject, attention=(low, high)))
-    assert chosen == {"red cup": high}
+    both = replace(subject, attention=(low, high))
+    assert attention_by_name(record, both, probabilistic=False) == {"red cup": high}
+    added = attention_by_name(record, both, probabilistic=True)["red cup"]
+    assert (added.gaze, added.head) == (2 * low.gaze, 2 * low.head)
+    assert added.total == pytest.approx(0.9)
+    unmeasured = replace(both, attention=(replace(low, gaze=None), replace(high, gaze=None)))
+    assert attention_by_name(record, unmeasured, probabilistic=True)["red cup"].gaze is None
+
+
+def test_the_summary_has_a_row_for_each_object_of_a_name(frames):
+    record = frames[0].record
+    (subject,) = record.subjects
+    values = tuple(replace(value, gaze=0.0, head=0.0, total=value.instance_id / 10) for value in subject.attention)
+    targets = tuple(replace(each, name="red cup") if each.instance_id == 4 else each for each in record.targets)
+    page = summary(replace(record, targets=targets, subjects=(replace(subject, attention=values),)), [])
+    table = page.split("|---|---|\n")[-1].splitlines()
+    assert table == ["| red cup (4) | 0.40 (0.00, 0.00) |", "| red cup (2) | 0.20 (0.00, 0.00) |"]
 
 
 def test_two_people_of_one_name_are_told_apart(frames):

@@ -131,6 +131,20 @@ def test_the_values_of_probabilities_include_that_of_looking_at_nothing() -> Non
         assert dict(zip(names, values.tolist(), strict=True)) == expected
 
 
+def test_a_name_of_several_objects_has_the_probability_of_all_and_of_attention_the_greatest() -> None:
+    things = [target_record(1, "cup"), target_record(2, "book"), target_record(3, "cup")]
+    totals = ({1: 0.3, 2: 0.1, 3: 0.2}, {1: 0.1, 2: 0.2, 3: 0.4})
+    records = [
+        frame_record(things, [subject_record("girl", totals=each)], frame=frame)
+        for frame, each in enumerate(totals, start=1)
+    ]
+    for probabilistic, expected in ((True, [125, 125]), (False, [75, 100])):
+        traits = {"one": AnswerTraits(probabilistic=probabilistic)}
+        _, attention, _ = scored_records(records, Reference(labels={"clip": labels("cup", "cup")}, traits=traits))
+        found = attention["clip", "one"].by_subject["girl"]["cup"]
+        assert (found.frames.tolist(), found.values[0].tolist()) == ([1, 2], expected)
+
+
 def test_timelines_say_what_the_verdicts_say() -> None:
     given = ("cup", "none", "dragon", None, "cup")
     page = _Page(render_page(*_scored(answers(given), {"clip": labels("cup", "cup", "cup", "cup")})))
