@@ -6,13 +6,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from harness.files.groups import grouped
+from harness.files.safe_names import vfoa_command
 from harness.report.comparisons import run_in_words, shared_folder
 from harness.report.formats import Table, percent, percent_range
 from harness.report.verdict import NOTHING_SCORED, best_of
 from harness.score.compared_runs import ComparedRuns, VerdictChange
 from harness.score.comparison import NO_COMMON_FRAME, Comparison, identical_on
 from harness.score.verdicts import answered
-from vfoa.errors import counted
+from vfoa.errors import counted, listed
 
 MOST_SENTENCES = 3
 """Most sentences on differences; the table has all."""
@@ -73,6 +74,12 @@ def ranking_table(compared: ComparedRuns) -> Table:
     if compared.comparisons and (alone := compared.uncompared):
         names = ", ".join(name.removeprefix(shared) for name in alone)
         notes.append(f"In one run only, so ranked and not compared: {names}.")
+    notes += (
+        f"{run}: labels of {listed(scores.relabelled)} have changed since its own tables were written: rates and "
+        f"comparisons here have the present ones. `{vfoa_command('score', run)}` updates its tables."
+        for run, scores in compared.scores.items()
+        if scores.relabelled
+    )
     return Table.of(
         "Configurations by FRR",
         "Configuration | FRR % | 95 % | n | Clips",

@@ -44,7 +44,7 @@ def read_scores(directory: RunDirectory, where: Sequence[Condition] = ()) -> Sco
         no labelled frame meets the conditions.
     """
     run = FinishedRun.read(directory)
-    return score(run.columns(), run.reference(where=where))
+    return replace(score(run.columns(), run.reference(where=where)), relabelled=tuple(run.relabelled()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

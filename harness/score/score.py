@@ -111,7 +111,8 @@ class Scores:
     truth, ``directions`` the measured directions with the posterior. ``judged_subjects`` are the input of the rows.
     ``unknown_names``, ``factors``, ``settings`` and ``is_recorded`` are as in :class:`Reference`. ``phases`` are the
     scores of each phase of the clips that have some, on these clips together; without notes and measures.
-    ``has_answers_of_file`` says whether another system gave the answers of a configuration.
+    ``has_answers_of_file`` says whether another system gave the answers of a configuration. ``relabelled`` are clips
+    whose labels have changed since the tables of a finished run were written.
     """
 
     clips: tuple[str, ...]
@@ -128,6 +129,7 @@ class Scores:
     phases: Mapping[str, Scores] = field(default_factory=dict)
     has_answers_of_file: bool = False
     is_recorded: bool = True
+    relabelled: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:

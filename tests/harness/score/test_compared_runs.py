@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from harness.report.compared_runs import changes_table, compared_lines, ranking_table
+from harness.report.write import rescore
+from harness.run.directory import RunDirectory
 from harness.score.compared_runs import ComparedRuns, compare_runs
 from tests.disk import write_text
 from tests.records import answers, write_clip, write_run
@@ -76,7 +78,7 @@ def test_a_configuration_of_one_run_alone_is_ranked_and_named_as_not_compared() 
         ("b/more", "50.0", "12"),
         ("a/one", "16.7", "12"),
     ]
-    assert table.notes[-1] == "In one run only, so ranked and not compared: b/more."
+    assert "In one run only, so ranked and not compared: b/more." in table.notes
 
 
 def test_equal_runs_are_said_to_be_identical() -> None:
@@ -139,6 +141,18 @@ def test_runs_that_are_scored_against_other_annotators_are_named() -> None:
     write_run(Path("b"), answers(_right(1, 2), clip="table", configuration="one"), clips=[clip], annotator="anna")
     with pytest.raises(VfoaError, match=r"^a/one and b/one: .*frame 1: .*same labels \(a: the clip's; b: .*'anna'; "):
         compare_runs([Path("a"), Path("b")])
+
+
+def test_labels_that_changed_since_a_run_was_scored_are_said() -> None:
+    for name in "ab":
+        _run(name, {"one": _right(*ALL)})
+        rescore(RunDirectory(Path(name)))
+    assert not any("have changed" in note for note in ranking_table(compare_runs([Path("a"), Path("b")])).notes)
+    labels = Path("annotations", "table.csv")
+    labels.write_text(labels.read_text().replace("1,1,girl,cup", "1,1,girl,none"))
+    rescore(RunDirectory(Path("b")))
+    (note,) = (note for note in ranking_table(compare_runs([Path("a"), Path("b")])).notes if "have changed" in note)
+    assert note.startswith("a: labels of table have changed")
 
 
 def test_runs_under_other_numbers_of_seeds_are_named() -> None:
