@@ -163,7 +163,7 @@ def test_a_thin_thing_close_before_a_person_keeps_its_pixels() -> None:
         (slice(12, 20), slice(20, 40)),
         (slice(20, 36), slice(28, 33)),
     )
-    depths = _depths((person, 2.0), (flowers, 1.8), (foot, 1.8))
+    depths = _depths((person, 2.0), (flowers, 1.88), (foot, 1.88))
     shapes = [shape("person", (3.5, 7.5, 33.5, 39.5), label="person"), shape("vase", (19.5, 11.5, 39.5, 35.5))]
     found, _ = _draw(shapes, depths)
     ids = {instance.name: instance.id for instance in found.instances}
