@@ -40,10 +40,11 @@ class SubjectVerdicts:
     """A subject's frames in order, as columns (n,): verdicts, and what the answers are worth.
 
     ``truth``, ``predicted`` and ``error_type`` are codes of ``words``, :data:`harness.run.columns.UNKNOWN` without a
-    label, an answer, an error. ``is_scored`` are the frames with a label that is not ``ignore``. ``confidence`` is the
-    probability of the answer, NaN without one, also of frames that are not scored. ``worth`` (n, 5) are the fields of
-    :class:`harness.score.verdicts.Worth`; ``hits`` (n, 4) says which of the baselines that use the frame are right, and
-    ``angles_rad`` is the smallest angle from the direction to a box's centre, NaN if not known.
+    label, an answer, an error. ``is_scored`` are the frames with a label that is not ``ignore``. ``true_ids`` are the
+    ids of the instances that the labels mean, :data:`harness.run.columns.NO_ID` for none, or any of several.
+    ``confidence`` is the probability of the answer, NaN without one, also of frames that are not scored. ``worth`` (n,
+    5) are the fields of :class:`harness.score.verdicts.Worth`; ``hits`` (n, 4) says which of the baselines that use the
+    frame are right, and ``angles_rad`` is the smallest angle from the direction to a box's centre, NaN if not known.
     """
 
     words: Words
@@ -56,6 +57,7 @@ class SubjectVerdicts:
     error_type: Codes
     is_scored: Flags
     is_blocked: Flags
+    true_ids: NDArray[np.int64]
     confidence: Float
     worth: Float
     hits: Flags
@@ -255,6 +257,8 @@ class _Pair:
             for of_scene, of_file in OF_SCENE.items():
                 error_type[error_type == code(of_scene)] = code(of_file)
         error_type[~label.is_scored] = UNKNOWN
+        true_ids = np.full(n, NO_ID)
+        true_ids[seen] = answers.true_ids()
         confidence, hits, angles_rad = np.full(n, np.nan), np.zeros((n, 4), dtype=np.bool_), np.full(n, np.nan)
         worth = np.tile(NO_PROBABILITIES if self.traits.probabilistic else UNKNOWN_WORTH, (n, 1)).astype(np.float64)
         if self.traits.probabilistic:
@@ -275,6 +279,7 @@ class _Pair:
             error_type=error_type,
             is_scored=label.is_scored,
             is_blocked=label.is_blocked,
+            true_ids=true_ids,
             confidence=confidence,
             worth=worth,
             hits=hits,
@@ -352,6 +357,12 @@ class _SubjectAnswers:
             ((self.right & is_hit).any(axis=1), code("outscored")),
         )
         return np.select([case for case, _ in cases], [error_type for _, error_type in cases], code("missed"))
+
+    def true_ids(self) -> NDArray[np.int64]:
+        """The id of the only instance that is right; NO_ID where none is, or several are."""
+        return np.where(
+            self.right.sum(axis=1) == 1, self.ids[np.arange(len(self.ids)), self.right.argmax(axis=1)], NO_ID
+        )
 
     def chances(self) -> Float:
         """The probability of each answer, that of all objects of its name; NaN where there is none."""

@@ -26,6 +26,7 @@ from harness.report.page.packing import (
     target_colours,
 )
 from harness.report.thumbnails import Thumbnails
+from harness.run.columns import NO_ID
 from harness.run.columns import UNKNOWN as UNKNOWN_WORD
 from harness.run.directory import Pair
 from harness.run.manifest import ClipOfRun
@@ -298,9 +299,13 @@ def _pictures(
 
 
 def _seen(verdicts: SubjectVerdicts, thumbnails: Thumbnails) -> dict[int, dict[str, Any]]:
-    """By frame, the marks drawn over the picture of a subject who was judged wrong."""
+    """By frame, the marks drawn over the picture of a subject who was judged wrong.
+
+    ``truth`` is the id of the object that the label means; None where any of the true name may be meant.
+    """
     drawn = {}
-    for frame in verdicts.frames[verdicts.is_wrong].tolist():
+    wrong = verdicts.where(verdicts.is_wrong)
+    for frame, true_id in zip(wrong.frames.tolist(), wrong.true_ids.tolist(), strict=True):
         thumbnail = thumbnails.seen.get((verdicts.clip, verdicts.configuration, frame))
         if thumbnail is not None:
             subject = next((person for person in thumbnail.subjects if person.name == verdicts.subject), None)
@@ -309,6 +314,7 @@ def _seen(verdicts: SubjectVerdicts, thumbnails: Thumbnails) -> dict[int, dict[s
                 "boxes": thumbnail.boxes,
                 "head": subject and subject.head,
                 "focus": subject and subject.focus,
+                "truth": None if true_id == NO_ID else true_id,
                 "lines": subject.lines if subject else [],
             }
     return drawn

@@ -71,7 +71,8 @@ function thumbnail(at, found) {
     `truth ${truthOf(at)}, predicted ${answerOf(at)}`);
   svg.append(drawn("image", { href: picture, width, height }));
   const truth = nameOf(track.truth[i]);
-  const roles = seen.boxes.map(([id, name]) => (id === seen.focus ? "predicted" : name === truth ? "truth" : "other"));
+  const isTruth = (id, name) => (seen.truth === null ? name === truth : id === seen.truth);
+  const roles = seen.boxes.map(([id, name]) => (id === seen.focus ? "predicted" : isTruth(id, name) ? "truth" : "other"));
   const inOrder = ["other", "truth", "predicted"].flatMap((role) =>
     seen.boxes.filter((_, k) => roles[k] === role).map(([, name, place]) => [role, name, place]));
   const labels = [];

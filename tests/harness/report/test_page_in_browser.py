@@ -584,6 +584,26 @@ def test_a_wrong_frame_shows_its_picture_with_truth_and_answer_marked(page: Repo
     assert page.all("#frame svg.thumbnail") == []
 
 
+def test_of_objects_of_a_name_only_the_one_at_the_labels_point_is_marked_true(
+    report: ReportPage, tmp_path: Path
+) -> None:
+    things = [target_record(number, name, box_px=box) for number, name, box in SEEN.boxes]
+    things[2] = replace(things[2], name="cup")
+    record = frame_record(things, [subject_record("girl", totals={2: 1.0})], frame=2)
+    seen = replace(SEEN, boxes=[(each.instance_id, each.name, each.box_px) for each in things])
+    for point_px, marked in (((40.0, 50.0), ["20"]), (None, ["20", "180"])):
+        run = tmp_path / str(point_px)
+        _write_picture(run, "clip", 2)
+        atomic_write(lines_path(run, "clip", "one"), msgspec.json.encode(seen) + b"\n")
+        label = Label(target="cup", point_px=point_px)
+        truth = Labels([LabelRange(first_frame=2, last_frame=2, subject="girl", label=label)])
+        score_run(run, [record], Reference(labels={"clip": truth}))
+        report.open(run / "report.html", clip="clip", subject="girl", frame=2)
+        report.box("Frame 2 – wrong")
+        boxes = report.all("#frame svg.thumbnail rect.truth")
+        assert [box.get_dom_attribute("x") for box in boxes] == marked
+
+
 def _copy(page: ReportPage, figure: str, *kinds: str) -> None:
     """Copy a figure as each of these kinds; ``window.copied`` are the blobs."""
     page.js(
