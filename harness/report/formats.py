@@ -159,7 +159,7 @@ def in_parts(table: Table, width: int) -> tuple[Table, ...]:
     return tuple(
         replace(
             table,
-            title=table.title + (f" ({number} of {len(chosen)})" if len(chosen) > 1 else ""),
+            title=table.title + (f" (part {number} of {len(chosen)})" if len(chosen) > 1 else ""),
             columns=tuple(table.columns[i] for i in part),
             rows=tuple(tuple(row[i] for i in part) for row in table.rows),
         )

@@ -107,6 +107,7 @@ def test_a_table_is_no_wider_than_the_terminal_and_loses_nothing(width: int, num
     parts = in_parts(table, width)
     assert [cell for part in parts for cell in part.rows[0][1:]] == [str(i) for i in range(len(numbers))]
     assert [name for part in parts for name in part.columns[1:]] == numbers
+    assert parts[0].title == ("t" if len(parts) == 1 else f"t (part 1 of {len(parts)})")
     for part in parts:
         assert part.rows[0][0] == "a word or two"
         console = Console(width=width, file=io.StringIO())
