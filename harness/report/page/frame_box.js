@@ -125,7 +125,10 @@ function values({ track, lane, i }) {
   const others = known.filter((each) => !told(each)).map(([code]) => nameOf(code)).filter((name) => name !== "none");
   const rest = others.length ? `Attention below 0.002: ${others.join(", ")}.` : known.length ? "" : "No attention values.";
   const near = data.stride > 1 && i % data.stride ? ` Values of frame ${track.frames[i - i % data.stride]}.` : "";
-  return element("div", {}, ...(rows.length ? [element("table", {}, head, ...rows)] : []), element("p", { class: "small" }, rest + near));
+  const answer = known.find(([code]) => code === lane.predicted[i]);
+  const several = !near && lane.confidence[i] >= 0 && answer && known[0][1] > answer[1]
+    ? " A name has the probability of all its objects; the answer is the likeliest object, or none." : "";
+  return element("div", {}, ...(rows.length ? [element("table", {}, head, ...rows)] : []), element("p", { class: "small" }, rest + near + several));
 }
 
 export function followFrames() {

@@ -24,6 +24,7 @@ from harness.report.page.data import ERROR_COLOURS
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
 from harness.report.write import report_page
+from harness.run.manifest import AnswerTraits
 from harness.run.records import FrameRecord, TargetRecord
 from harness.score.reference import Reference
 from harness.score.verdicts import ERROR_TYPES
@@ -602,6 +603,24 @@ def test_of_objects_of_a_name_only_the_one_at_the_labels_point_is_marked_true(
         report.box("Frame 2 – wrong")
         boxes = report.all("#frame svg.thumbnail rect.truth")
         assert [box.get_dom_attribute("x") for box in boxes] == marked
+
+
+def test_a_name_whose_objects_are_together_likelier_than_the_answer_is_explained(
+    report: ReportPage, tmp_path: Path
+) -> None:
+    things = [target_record(1, "cup"), target_record(2, "dragon"), target_record(3, "cup")]
+    chances = ({1: 0.25, 2: 0.35, 3: 0.2}, {1: 0.1, 2: 0.5, 3: 0.1})
+    records = [
+        frame_record(things, [subject_record("girl", totals=each, focus=2)], frame=frame)
+        for frame, each in enumerate(chances, start=1)
+    ]
+    traits = {"one": AnswerTraits(probabilistic=True)}
+    score_run(tmp_path, records, Reference(labels={"clip": labels("cup", "cup")}, traits=traits))
+    for frame, total, is_explained in ((1, "0.45", True), (2, "0.20", False)):
+        report.open(tmp_path / "report.html", clip="clip", subject="girl", frame=frame)
+        text = report.box(f"Frame {frame} – wrong")
+        assert f"cup (truth) {total}" in " ".join(text.split())
+        assert ("all its objects" in text) == is_explained
 
 
 def _copy(page: ReportPage, figure: str, *kinds: str) -> None:
