@@ -246,9 +246,11 @@ class MovingRows:
         """The row differences (N,) of points that move, in left views and the right ones so many frames later."""
         for place in range(_LEFTS[0] + min(by, -1), _LEFTS[-1] + max(by, 1) + 1):
             self._grays(place)  # in their order: to go back in a film takes as long as all pictures from a key frame on
-        found = []
+        found = [np.empty(0)]
         for place in _LEFTS:
             moved = _moved(self._grays(place - 1)[0], self._grays(place + 1)[0])
+            if not moved.any():
+                continue
             points = _matched(self._features(place, 0), self._features(place + by, 1), moved)
             found.append(np.abs(points[:, 0, 1] - points[:, 1, 1]))
         return np.concatenate(found)
