@@ -273,6 +273,8 @@ def _as_json(compared: ComparedRuns) -> dict[str, Any]:
     """The ranking, the comparisons, and the frames that changed their verdict."""
     from dataclasses import asdict, replace
 
+    from harness.score.verdicts import answer
+
     return {
         "configurations": [
             {
@@ -296,8 +298,9 @@ def _as_json(compared: ComparedRuns) -> dict[str, Any]:
                 "subject": change.before.subject,
                 "frames": change.frames,
                 "truth": change.before.truth,
-                "before": change.before.predicted,
-                "after": change.after.predicted,
+                # what it counts as: "none" of no hit that is right, and another object of the true name
+                "before": answer(change.before) or change.before.predicted,
+                "after": answer(change.after) or change.after.predicted,
                 "is_better": change.is_better,
             }
             for change in compared.changes()

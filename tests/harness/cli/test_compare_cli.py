@@ -17,7 +17,7 @@ from harness.score import compared_runs
 from harness.score.intervals import ScoredFrames
 from harness.score.score import ScoreRow
 from tests.disk import labels_text
-from tests.records import answers, write_run
+from tests.records import answers, frame_record, subject_record, target_record, write_run
 from vfoa.errors import VfoaError
 
 LOOK, LOOKS = 50, 8  # two seconds each: none is joined with another
@@ -147,6 +147,23 @@ def test_runs_side_by_side_are_told_apart_by_their_directory(tmp_path: Path) -> 
     first, second = _run(tmp_path / "a", 8), _run(tmp_path / "b", 9)
     (one,) = json.loads(CliRunner().invoke(app, ["compare", first, second, "--json"]).stdout)["comparisons"]
     assert (one["reference"], one["configuration"]) == (f"{first}/one", f"{second}/one")
+
+
+def test_changed_answers_are_those_that_are_counted(tmp_path: Path) -> None:
+    """Another object of the true name is no answer of that name, and no hit where nobody looks at a thing is "none"."""
+    (tmp_path / "annotations" / "tabletop.csv").write_text(
+        "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note,u_px,v_px\n"
+        "1,1,girl,cup,,5,5\n2,2,girl,none,,,\n"
+    )
+    cups = [target_record(1, "cup"), target_record(2, "cup", box_px=(50.0, 50.0, 60.0, 60.0))]
+    for name, focus in (("then", (2, None)), ("now", (1, 2))):
+        seen = [subject_record("girl", totals={each: 0.5} if each else {}, focus=each) for each in focus]
+        records = [frame_record(cups, [each], frame=k, clip="tabletop") for k, each in enumerate(seen, start=1)]
+        clip = {"name": "tabletop", "manifest": "", "notes": [], "frames": [1, 2]}
+        write_run(tmp_path / name, records, notes=[], clips=[clip], configurations={"one": {}})
+    done = CliRunner().invoke(app, ["compare", "now", "--baseline", "then", "--json"])
+    changes = [(each["before"], each["after"], each["is_better"]) for each in json.loads(done.stdout)["changes"]]
+    assert changes == [("cup (another of this name)", "cup", True), ("none", "cup", False)]
 
 
 def test_several_runs_against_a_baseline_are_corrected_together(tmp_path: Path) -> None:
