@@ -97,9 +97,11 @@ def next_place(key: str, place: int, count: int) -> int | None:
 
 def describe(wrong: Sequence[Verdict], place: int) -> str:
     """One line: position among the wrong frames, clip, configuration, frame, subject, truth, prediction, error type."""
+    from harness.score.verdicts import answered
+
     verdict = wrong[place]
     where = f"{verdict.clip}, {verdict.configuration}, frame {verdict.frame}"
-    predicted = "no prediction" if verdict.predicted is None else f"predicted {verdict.predicted}"
+    predicted = "no prediction" if verdict.predicted is None else f"predicted {answered(verdict)}"
     answer = f"{verdict.subject} looks at {verdict.truth}, {predicted} ({verdict.error_type})"
     return f"{place + 1}/{len(wrong)}  {where}: {answer}"
 

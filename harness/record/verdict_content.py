@@ -25,15 +25,16 @@ from harness.record.appearance import (
 )
 from harness.record.frame_log import FrameLog
 from harness.run.records import AttentionRecord, FrameRecord
-from harness.score.verdicts import ERROR_TYPES, Verdict, prediction_set, probabilities, true_targets
+from harness.score.verdicts import ERROR_TYPES, Verdict, answered, prediction_set, probabilities, true_targets
 from vfoa.geometry import quaternion
 from vfoa.scoring import NO_HIT, NO_PREDICTION, NO_TRUTH
 
 
 def predicted_in_words(verdict: Verdict) -> str:
-    """The prediction, with its probability in percent if there is one."""
+    """The prediction, with its probability in percent if there is one; another object of the true name is marked."""
     confidence = "" if verdict.confidence is None else f" ({100 * verdict.confidence:.0f} %)"
-    return f"{verdict.predicted or NO_PREDICTION}{confidence}"
+    predicted = answered(verdict) if verdict.outcome == "wrong" else verdict.predicted or NO_PREDICTION
+    return f"{predicted}{confidence}"
 
 
 def log_verdicts(log: FrameLog, record: FrameRecord, verdicts: Sequence[Verdict], labels: Labels) -> None:

@@ -26,7 +26,7 @@ from starlette.routing import Route
 from harness.record.composed import Composed
 from harness.record.reading import has_video
 from harness.run.directory import Pair
-from harness.score.verdicts import Verdict
+from harness.score.verdicts import Verdict, answered
 from vfoa.errors import VfoaError
 
 VIEWER = "/viewer/"
@@ -172,14 +172,15 @@ def failures_routes(wrong: Callable[[], Sequence[Verdict]], recordings: Mapping[
     ``wrong`` are the present ones; those of a clip and configuration without a recording are left out. A frame's number
     is a text: it may have 63 bits, of which JavaScript's numbers keep 53.
     """
-    keys = ("clip", "configuration", "subject", "truth", "predicted", "error_type")
+    keys = ("clip", "configuration", "subject", "truth", "error_type")
 
     def listed(request: Request) -> Response:
         shown = ((verdict, recordings.get((verdict.clip, verdict.configuration))) for verdict in wrong())
         return JSONResponse(
             [
                 {key: getattr(verdict, key) for key in keys}
-                | {"frame": str(verdict.frame), "open": open_path(recording.name, verdict.frame, verdict.subject)}
+                | {"predicted": verdict.predicted and answered(verdict), "frame": str(verdict.frame)}
+                | {"open": open_path(recording.name, verdict.frame, verdict.subject)}
                 for verdict, recording in shown
                 if recording is not None
             ]

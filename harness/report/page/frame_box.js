@@ -5,14 +5,14 @@ import { labelLink } from "./label.js";
 import { openRecording, recordingAddress, VIEWER, viewCommand } from "./recordings.js";
 import { close, onSelection, outcomeInWords, shown } from "./selection.js";
 import { data, packedJson } from "./packs.js";
-import { isWrong, nameOf, predictedInWords, stateOf, valueAt, withValues } from "./store.js";
+import { isWrong, nameOf, predictedInWords, predictedName, stateOf, valueAt, withValues } from "./store.js";
 import { onPreview } from "./timeline.js";
 
 const box = document.getElementById("frame");
 const shift = { serial: 0 };
 
 const truthOf = ({ track, i }) => nameOf(track.truth[i]) ?? "not annotated";
-const answerOf = ({ lane, i }) => nameOf(lane.predicted[i]) ?? "no prediction";
+const answerOf = ({ lane, i }) => predictedName(lane, i);
 const decimals = (value) => (value === null ? "–" : value.toFixed(2));
 
 async function show(at) {

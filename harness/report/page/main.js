@@ -10,7 +10,7 @@ import { withRun } from "./recordings.js";
 import { close, onSelection, readAddress, select, shown, step } from "./selection.js";
 import { drawErrors } from "./stacked_bars.js";
 import { data } from "./packs.js";
-import { clipTracks, isWrong, nameOf, stateOf } from "./store.js";
+import { clipTracks, isWrong, nameOf, predictedName, stateOf } from "./store.js";
 import { fillTables, tableOf } from "./tables.js";
 import { drawTimeline } from "./timeline.js";
 
@@ -26,7 +26,7 @@ function wrongFrames(fold) {
     const clip = data.clips[track.clip].name;
     fold.replaceChildren(fold.firstElementChild, tableOf({
       title: `Wrong frames of ${track.subject} in ${clip}`, columns: ["Frame", "Configuration", "Truth", "Predicted", "Error type"], words: 5,
-      rows: found.map(([lane, frame, i]) => [frame, lane.name, nameOf(track.truth[i]) ?? "", nameOf(lane.predicted[i]) ?? "no prediction", stateOf(lane, i).replaceAll("_", " ")]),
+      rows: found.map(([lane, frame, i]) => [frame, lane.name, nameOf(track.truth[i]) ?? "", predictedName(lane, i), stateOf(lane, i).replaceAll("_", " ")]),
       links: { 0: (k) => `#${new URLSearchParams({ clip, config: found[k][0].name, subject: track.subject, frame: found[k][1] })}` },
     }));
   };

@@ -72,8 +72,10 @@ export function numberOf(name) {
 }
 
 export const nameOf = (code) => (code < 0 ? null : data.names[code]);
+// What is predicted; of a wrong frame the answer, which tells another object of the true name from the true one.
+export const predictedName = (lane, i) => nameOf(isWrong(lane, i) ? lane.answers[i] : lane.predicted[i]) ?? "no prediction";
 export const predictedInWords = (lane, i) =>
-  (nameOf(lane.predicted[i]) ?? "no prediction") + (lane.confidence[i] < 0 ? "" : ` (${lane.confidence[i]} %)`);
+  predictedName(lane, i) + (lane.confidence[i] < 0 ? "" : ` (${lane.confidence[i]} %)`);
 export const stateOf = (lane, i) => (lane.states[i] < 0 ? "no frame" : data.states[lane.states[i]]);
 export const isWrong = (lane, i) => lane.states[i] >= WRONG_FROM;
 export const isScored = (track) => track.lanes.some((lane) => lane.states.some((state) => state >= 0 && data.states[state] !== "unscored"));

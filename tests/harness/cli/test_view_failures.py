@@ -89,6 +89,12 @@ def test_a_failure_is_one_line_that_says_what_was_wrong():
     assert line == "2/4  b, two, frame 7: ann looks at cup, predicted book (outscored)"
 
 
+def test_a_failure_by_another_object_of_the_true_name_says_so():
+    said = {"truth": "cup", "predicted": "cup", "outcome": "wrong", "error_type": "missed"}
+    verdict = Verdict(clip="a", configuration="one", frame=7, subject="ann", **said)
+    assert "ann looks at cup, predicted cup (another of this name) (missed)" in describe([verdict], 0)
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [((), "expected a terminal"), (("--frame", "3"), "leave out --frame, --compare and --screenshot")],

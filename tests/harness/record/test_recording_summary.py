@@ -39,6 +39,12 @@ def test_the_summary_says_how_probable_a_prediction_is(frames):
     assert "90 % set" not in plain
 
 
+def test_the_summary_says_that_another_object_of_the_true_name_is_predicted(frames):
+    wrong = replace(judged(frames[3]), truth="red cup", predicted="red cup", outcome="wrong", confidence=0.6)
+    assert "| red cup | red cup (another of this name) (60 %) | **WRONG** |" in summary(frames[3].record, [wrong])
+    assert "| red cup | red cup (60 %) |" in summary(frames[3].record, [replace(wrong, outcome="correct")])
+
+
 def test_the_summary_says_which_depths_are_of_an_earlier_frame(frames):
     record = frames[3].record
     assert "Depth" not in summary(record, [])

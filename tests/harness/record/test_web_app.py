@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 
 import httpx
@@ -9,7 +10,8 @@ import pytest
 
 from harness.record.composed import Composed, find_clips
 from harness.record.viewer import page_files
-from harness.record.web_app import open_path, site
+from harness.record.web_app import failures_routes, open_path, site
+from harness.score.verdicts import Verdict
 from harness.server.guard import TOKEN_HEADER
 from tests.harness.record.conftest import CONFIGURATION, four_frames, write_run
 from tests.web import running
@@ -52,6 +54,18 @@ def test_a_recording_opens_in_the_viewer_at_a_frame(client: httpx.Client) -> Non
     assert client.get(target.params["layout"]).content.startswith(b"RRF2")
     assert "viewer.js" in client.get(target).text
     assert "frame" not in client.get(open_path(NAME, None)).headers["location"]
+
+
+def test_the_list_of_failures_tells_another_object_of_the_true_name_from_the_true_one() -> None:
+    told = {"clip": "clip", "configuration": "one", "subject": "ann", "truth": "cup", "outcome": "wrong"}
+    wrong = [
+        Verdict(frame=frame, predicted=predicted, error_type="missed", **told)
+        for frame, predicted in enumerate(("cup", "book", None))
+    ]
+    routes = failures_routes(lambda: wrong, {("clip", "one"): Composed(name="clip", files=())})
+    (listed,) = (route for route in routes if route.path == "/failures.json")
+    found = json.loads(listed.endpoint(None).body)
+    assert [each["predicted"] for each in found] == ["cup (another of this name)", "book", None]
 
 
 def test_a_recording_is_given_in_parts(client: httpx.Client) -> None:

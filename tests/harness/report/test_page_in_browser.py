@@ -603,6 +603,13 @@ def test_of_objects_of_a_name_only_the_one_at_the_labels_point_is_marked_true(
         report.box("Frame 2 – wrong")
         boxes = report.all("#frame svg.thumbnail rect.truth")
         assert [box.get_dom_attribute("x") for box in boxes] == marked
+    run = tmp_path / "another"
+    label = Label(target="cup", point_px=(40.0, 50.0))
+    truth = Labels([LabelRange(first_frame=2, last_frame=2, subject="girl", label=label)])
+    another = replace(record, subjects=(subject_record("girl", totals={3: 1.0}, focus=3),))
+    score_run(run, [another], Reference(labels={"clip": truth}))
+    report.open(run / "report.html", clip="clip", subject="girl", frame=2)
+    assert "Truth: cup. Predicted: cup (another of this name)." in report.box("Frame 2 – wrong")
 
 
 def test_a_name_whose_objects_are_together_likelier_than_the_answer_is_explained(
