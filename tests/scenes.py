@@ -134,6 +134,12 @@ def make_rig(
     )
 
 
+def square_box(center_px: tuple[float, float], side_px: float) -> Float:
+    """A square box (4,) about a pixel."""
+    u, v = center_px
+    return np.array([u - side_px / 2, v - side_px / 2, u + side_px / 2, v + side_px / 2])
+
+
 def stereo_planes(
     rig: StereoRig, *, far_px: int, near_px: int, window: tuple[slice, slice], noise: int = 0, seed: int = 0
 ) -> tuple[StereoFrame, Map, Mask]:

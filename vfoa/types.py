@@ -134,11 +134,6 @@ class StereoRig:
         )
 
     @property
-    def rows_per_column(self) -> float:
-        """How many rows are as far as one column: 1 if pixels are square, as of all but anamorphic cameras."""
-        return self.fy_px / self.fx_px
-
-    @property
     def camera_matrix(self) -> Float:
         """K (3, 3) of the left camera, pixels."""
         return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1.0]])

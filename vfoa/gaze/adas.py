@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from vfoa.crops import center, crop, reaches_border, square
-from vfoa.geometry import direction_from_crop, direction_to_crop, pixel_ray, sigma_rad
+from vfoa.crops import CropCamera, reaches_border
+from vfoa.geometry import back_project, left_from_crop, sigma_rad, unit
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
 from vfoa.types import Float, Gaze, Head, HeadPose, Image, NoGaze, StereoFrame
 
@@ -59,9 +59,9 @@ class Adas0002:
     a roll of 0, and its answer is turned back. The table gives median angles in degrees. *Mirror* is the angle between
     the gaze in an image and the mirrored gaze in the mirrored image; *camera* is the angle between the gaze and the
     direction to the camera, which the astronaut looks into. Astronaut: scikit-image's photograph at 5 rolls (-20 to 20
-    deg) x 3 scales, n = 15. Bandage_2: a rendered face near its profile, n = 20 frames. "Roll" is what turns the crops:
-    the line between the eyes, the roll of the zoo's head-pose network (as in the zoo's demo), or nothing (the network
-    gets the roll instead).
+    deg) x 3 scales, n = 15. Bandage_2: a rendered face near its profile, n = 20 frames. Crops were cut straight out of
+    the image. "Roll" is what turns the crops: the line between the eyes, the roll of the zoo's head-pose network (as in
+    the zoo's demo), or nothing (the network gets the roll instead).
 
     ========================  =========  =====================  =====================  ==================
     left_eye_image            head pose  roll                   astronaut mirror       bandage_2 mirror
@@ -108,26 +108,26 @@ class Adas0002:
         if head.face_box_px is None or head.landmarks_px is None:
             return None
         right_eye, left_eye = head.landmarks_px[:2]
-        rows = frame.rig.rows_per_column
-        across = (left_eye - right_eye) / [1, rows]
-        if not across.any():
+        if np.array_equal(right_eye, left_eye):
             return None
-        u, v = (right_eye + left_eye) / 2
-        ray = pixel_ray(u, v, frame.rig)
-        angles = self._angles(frame.left, head.face_box_px, rows)
+        u, v = np.transpose([right_eye, left_eye])
+        rays = unit(back_project(u, v, 1, frame.rig))
+        axes = left_from_crop(rays.sum(axis=0))
+        angles = self._angles(frame, head.face_box_px)
         # the most turned of the two: networks of head pose underestimate
-        of_stage = _angles(head_pose, ray)
+        of_stage = _angles(head_pose, axes)
         turned_deg = max(_turned_deg(*angles), _turned_deg(*of_stage) if of_stage else 0.0)
         if turned_deg > MOST_TURNED_DEG:
             return NoGaze(cause="face_turned_away")
+        first, second = rays @ axes
+        across = second[:2] / second[2] - first[:2] / first[2]
         roll = math.atan2(across[1], across[0])
-        side = EYE_SIDE * float(np.hypot(*across))
+        half = EYE_SIDE * float(np.hypot(*across)) / 2
         # the person's own right eye is on the image's left
-        boxes = (square(eye, side, rows) for eye in (right_eye, left_eye))
-        eyes = [crop(frame.left, box, 60, roll_rad=roll, rows_per_column=rows) for box in boxes]
+        eyes = [CropCamera.towards(ray, half).image(frame, 60, roll_rad=roll) for ray in rays]
         detail = max(_detail(eye) for eye in eyes) * EYE_SIDE
         return Gaze(
-            direction=direction_from_crop(self._look(eyes[0], eyes[1], roll, angles), ray),
+            direction=axes @ self._look(eyes[0], eyes[1], roll, angles),
             sigma_rad=claimed_sigma_rad(turned_deg, detail, is_cut=reaches_border(head.face_box_px, frame.left)),
         )
 
@@ -139,11 +139,10 @@ class Adas0002:
         cos, sin = math.cos(roll), math.sin(roll)
         return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
-    def _angles(self, image: Image, face_box_px: Float, rows_per_column: float) -> tuple[float, float]:
+    def _angles(self, frame: StereoFrame, face_box_px: Float) -> tuple[float, float]:
         """Yaw and pitch in degrees, with ADAS's signs, from the model's own head-pose network."""
-        u0, v0, u1, v1 = face_box_px
-        side = FACE_SIDE * max(u1 - u0, (v1 - v0) / rows_per_column)
-        face = crop(image, square(center(face_box_px), side, rows_per_column), 60)
+        camera = CropCamera.at(face_box_px, frame.rig)
+        face = CropCamera.towards(camera.ray_left, FACE_SIDE * float(camera.half.max())).image(frame, 60)
         outputs = self._head_pose.run(data=blob(face, bgr=True))
         return float(outputs["angle_y_fc"][0, 0]), float(outputs["angle_p_fc"][0, 0])
 
@@ -179,9 +178,9 @@ def _detail(eye: Image) -> float:
     return float(grey.std()) / slope / eye.shape[1] if slope > 0 else _NO_DETAIL
 
 
-def _angles(head_pose: HeadPose | None, ray: Float) -> tuple[float, float] | None:
-    """Yaw and pitch in degrees, with ADAS's signs, of a head's direction in the axes of its crop."""
+def _angles(head_pose: HeadPose | None, axes: Float) -> tuple[float, float] | None:
+    """Yaw and pitch in degrees, with ADAS's signs, of a head's direction in a crop's axes (3, 3)."""
     if head_pose is None:
         return None
-    x, y, z = direction_to_crop(head_pose.direction, ray)
+    x, y, z = head_pose.direction @ axes
     return math.degrees(math.asin(float(np.clip(x, -1, 1)))), math.degrees(math.atan2(y, -z))

@@ -12,9 +12,9 @@ from statistics import NormalDist
 
 from pydantic import Field, PositiveInt
 
-from vfoa.crops import center, crop, grow
+from vfoa.crops import CropCamera, grow
 from vfoa.errors import VfoaError
-from vfoa.geometry import direction_from_crop, gaze_direction_crop, pixel_ray
+from vfoa.geometry import gaze_direction_crop
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
 from vfoa.types import Gaze, Head, Image, StereoFrame, StereoRig
 
@@ -47,8 +47,7 @@ class Gaze360:
 
     def crop(self, frame: StereoFrame, head: Head) -> Image:
         """Cut out the head's box with its margin, stretched to (224, 224, 3)."""
-        margin = self.settings.margin
-        return crop(frame.left, grow(head.box_px, side=margin, top=margin, bottom=margin), SIDE_PX)
+        return self._camera(head, frame.rig).image(frame, SIDE_PX)
 
     def stride(self, rate_hz: float | None) -> int:
         """Frames from one crop to the next: the setting, or max(rate // 8, 1)."""
@@ -66,8 +65,11 @@ class Gaze360:
         images = blob(*crops, bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE)
         outputs = self._model.run(images=images[None])
         theta, phi = outputs["gaze"][0]
-        u, v = center(head.box_px)
         return Gaze(
-            direction=direction_from_crop(gaze_direction_crop(theta, phi), pixel_ray(u, v, rig)),
+            direction=self._camera(head, rig).left_from_crop @ gaze_direction_crop(theta, phi),
             sigma_rad=float(outputs["sigma"][0, 0]) / DEVIATIONS_PER_SIGMA,
         )
+
+    def _camera(self, head: Head, rig: StereoRig) -> CropCamera:
+        margin = self.settings.margin
+        return CropCamera.at(grow(head.box_px, side=margin, top=margin, bottom=margin), rig)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from vfoa.crops import center, completed, crop, grow
-from vfoa.geometry import direction_from_crop, head_direction_crop, pixel_ray
+from vfoa.crops import CropCamera, completed, grow
+from vfoa.geometry import head_direction_crop
 from vfoa.onnx import Model, RuntimeSettings, Signature, blob
 from vfoa.types import Head, HeadPose, StereoFrame
 
@@ -46,13 +46,12 @@ class FsaNet:
             return None
         margin = self.settings.margin
         box = grow(completed(head.face_box_px, frame.left), side=margin, top=margin, bottom=margin)
-        image = blob(crop(frame.left, box, 64), bgr=True, mean=127.5, scale=1 / 128)
+        camera = CropCamera.at(box, frame.rig)
+        image = blob(camera.image(frame, 64), bgr=True, mean=127.5, scale=1 / 128)
         angles_deg = np.mean([model.run(input=image)["output"][0] for model in self._models], axis=0, dtype=np.float64)
         yaw, pitch, roll = np.radians(angles_deg)
-        u, v = center(box)
-        ray = pixel_ray(u, v, frame.rig)
         return HeadPose(
-            direction=direction_from_crop(head_direction_crop(yaw, pitch), ray),
+            direction=camera.left_from_crop @ head_direction_crop(yaw, pitch),
             yaw_rad=float(yaw),
             pitch_rad=float(pitch),
             roll_rad=float(roll),

@@ -12,8 +12,8 @@ import math
 
 from pydantic import Field
 
-from vfoa.crops import center, crop, grow
-from vfoa.geometry import direction_from_crop, head_direction_crop, pixel_ray
+from vfoa.crops import CropCamera, grow
+from vfoa.geometry import head_direction_crop
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
 from vfoa.types import Float, Head, HeadPose, StereoFrame
 
@@ -52,10 +52,10 @@ class SixDRepNet:
             return None
         margin = self.settings.margin
         box = grow(head.face_box_px, side=margin, top=margin, bottom=margin)
-        image = blob(crop(frame.left, box, SIDE_PX), bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE)
+        camera = CropCamera.at(box, frame.rig)
+        image = blob(camera.image(frame, SIDE_PX), bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE)
         yaw, pitch, roll = angles_of(self._model.run(input=image)["rotation_matrix"][0])
-        u, v = center(box)
-        direction = direction_from_crop(head_direction_crop(yaw, pitch), pixel_ray(u, v, frame.rig))
+        direction = camera.left_from_crop @ head_direction_crop(yaw, pitch)
         return HeadPose(direction=direction, yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll)
 
 

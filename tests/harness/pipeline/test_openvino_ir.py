@@ -14,8 +14,9 @@ from harness.pipeline.openvino_ir import convert
 from harness.pipeline.weights import CatalogueEntry, check_model, fetch_model, find_model
 from scripts.measure.mirror import frame_of, read_rgb
 from tests.openvino import Ir, affine
+from tests.scenes import square_box
 from tests.web import Site
-from vfoa.crops import center, crop, square
+from vfoa.crops import CropCamera, center
 from vfoa.errors import VfoaError
 from vfoa.gaze.adas import HEAD_POSE, Adas0002
 from vfoa.geometry import angle_between
@@ -89,7 +90,7 @@ def test_the_fetched_networks_answer_as_the_other_conversion_on_real_faces(
     for photograph in photographs:
         frame = frame_of(read_rgb(photograph))
         head = yunet.faces(frame)[0]
-        face = blob(crop(frame.left, square(center(head.face_box_px), 200), 60), bgr=True)
+        face = blob(CropCamera.at(square_box(center(head.face_box_px), 200), frame.rig).image(frame, 60), bgr=True)
         own, reference = (network.run(data=face) for network in poses)
         for name in own:
             np.testing.assert_allclose(own[name], reference[name], atol=0.05)  # degrees: float16 at 64 is 0.03

@@ -80,7 +80,7 @@ def test_the_direction_turns_with_the_ray_to_the_eyes(tmp_path: Path) -> None:
     model = constant_gaze(tmp_path, (0.0, 0.0, -2.0))
     for u, v in ((40, 50), (260, 150)):
         found = direction(model.estimate(FRAME, head_at(u, v), None))
-        np.testing.assert_allclose(found, -pixel_ray(u, v, FRAME.rig), atol=1e-6)
+        np.testing.assert_allclose(found, -pixel_ray(u, v, FRAME.rig), atol=1e-3)
 
 
 def test_what_upright_eyes_see_leans_with_the_head(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_the_head_pose_is_told_without_roll(tmp_path: Path) -> None:
     ray = pixel_ray(80, 120, FRAME.rig)
     found = direction(angles_as_gaze(tmp_path, -20, -10).estimate(FRAME, head_at(80, 120), None))
     # the answer's y is up
-    np.testing.assert_allclose(found, direction_from_crop(np.array([-20, 10, 90.0]) / np.sqrt(8600), ray), atol=1e-4)
+    np.testing.assert_allclose(found, direction_from_crop(np.array([-20, 10, 90.0]) / np.sqrt(8600), ray), atol=2e-3)
 
 
 def test_the_networks_left_eye_is_the_eye_on_the_images_left(tmp_path: Path) -> None:

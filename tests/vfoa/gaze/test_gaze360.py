@@ -57,7 +57,7 @@ def test_a_gaze_straight_ahead_meets_the_camera_from_anywhere(tmp_path: Path) ->
     model = pickle.loads(pickle.dumps(constant_gaze(tmp_path, 0, 0)))
     for u, v in ((20, 30), (280, 60), (150, 180)):
         gaze = model.estimate_sequence([BLACK] * 7, head_at(u, v), FRAME.rig)
-        np.testing.assert_allclose(gaze.direction, -pixel_ray(u, v, FRAME.rig), atol=1e-6)
+        np.testing.assert_allclose(gaze.direction, -pixel_ray(u, v, FRAME.rig), atol=1e-3)
 
 
 def test_sigma_is_one_standard_deviation_of_the_error_whose_quantiles_were_trained(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from scripts.measure.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head
 from tests import graphs
-from vfoa.crops import square
+from tests.scenes import square_box
 from vfoa.geometry import angle_between, direction_from_crop, head_direction_crop, pixel_ray
 from vfoa.head_pose.fsanet import FsaNet
 from vfoa.heads.yunet import YuNet
@@ -26,8 +26,8 @@ def constant_fsanet(folder: Path, *angles_deg: tuple[float, float, float], **set
 
 
 def head_at(u: float, v: float, *, face: bool = True) -> Head:
-    box = square((u, v), 40)
-    return Head(box_px=square((u, v), 60), score=1.0, face_box_px=box if face else None)
+    box = square_box((u, v), 40)
+    return Head(box_px=square_box((u, v), 60), score=1.0, face_box_px=box if face else None)
 
 
 BLACK = frame_of(np.zeros((200, 300, 3), np.uint8))
@@ -68,14 +68,14 @@ def test_a_frontal_face_looks_into_the_camera_from_anywhere(tmp_path: Path) -> N
     for u, v in ((30, 30), (270, 40), (150, 170)):
         pose = model.estimate(BLACK, head_at(u, v))
         assert pose is not None
-        np.testing.assert_allclose(pose.direction, -pixel_ray(u, v, BLACK.rig), atol=1e-6)
+        np.testing.assert_allclose(pose.direction, -pixel_ray(u, v, BLACK.rig), atol=1e-3)
 
 
 def test_the_direction_turns_with_the_ray_of_the_head(tmp_path: Path) -> None:
     pose = constant_fsanet(tmp_path, (25, -10, 5)).estimate(BLACK, head_at(30, 160))
     assert pose is not None
     expected = direction_from_crop(head_direction_crop(np.radians(25), np.radians(-10)), pixel_ray(30, 160, BLACK.rig))
-    np.testing.assert_allclose(pose.direction, expected, atol=1e-6)
+    np.testing.assert_allclose(pose.direction, expected, atol=1e-3)
 
 
 def test_feeds_blue_green_red_about_zero(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +22,13 @@ from scripts.measure.mirror import (
     stretched_head,
 )
 from tests import graphs
-from vfoa.crops import center, square
+from tests.scenes import square_box
+from vfoa.crops import center
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, direction_to_crop, head_angles, head_direction_crop, pixel_ray
 from vfoa.head_pose.tddfa_v2 import TddfaV2, claimed_sigma_rad, crop_from_head
 from vfoa.heads.yunet import YuNet
-from vfoa.types import Float, Head, HeadPose, StereoFrame
+from vfoa.types import Float, Head, HeadPose, Image, StereoFrame
 
 INPUT = {"input": (1, 3, 120, 120)}
 BLACK = frame_of(np.zeros((200, 300, 3), np.uint8))
@@ -35,7 +37,7 @@ SCALE = 5e-4
 
 
 def head_at(u: float, v: float, *, face: bool = True) -> Head:
-    return Head(box_px=square((u, v), 60), score=1.0, face_box_px=square((u, v), 40) if face else None)
+    return Head(box_px=square_box((u, v), 60), score=1.0, face_box_px=square_box((u, v), 40) if face else None)
 
 
 def parameters(rotation: Float) -> Float:
@@ -67,7 +69,7 @@ def test_an_upright_head_without_rotation_looks_into_the_camera_from_anywhere(tm
         head = head_at(u, v)
         pose = model.estimate(BLACK, head)
         assert pose is not None
-        np.testing.assert_allclose(pose.direction, -axis_of_crop(BLACK, head), atol=1e-6)
+        np.testing.assert_allclose(pose.direction, -axis_of_crop(BLACK, head), atol=1e-3)
         np.testing.assert_allclose([pose.yaw_rad, pose.pitch_rad, pose.roll_rad], 0, atol=1e-6)
 
 
@@ -142,7 +144,7 @@ def test_the_crop_is_the_published_one_in_blue_green_red(tmp_path: Path, monkeyp
     # face 40 x 60: the crop's side is 79, its centre 7 px below the face's
     top, left = 107 - 39, 150 - 39
     image[top : top + 79, left : left + 79] = [255, 127, 0]
-    head = Head(box_px=square((150, 100), 80), score=1.0, face_box_px=np.array([129.5, 69.5, 169.5, 129.5]))
+    head = Head(box_px=square_box((150, 100), 80), score=1.0, face_box_px=np.array([129.5, 69.5, 169.5, 129.5]))
     assert model.estimate(frame_of(image), head) is not None
     np.testing.assert_allclose(seen[0], (np.array([0, 127, 255]) - 127.5) / 128, atol=0.05)
 
@@ -215,6 +217,43 @@ def test_labelled_faces_up_to_a_turn_of_72_degrees(real: TddfaV2, yunet: YuNet, 
     assert max(errors) < 12
     assert np.median(mirror_errors) < 4
     assert max(mirror_errors) < 9
+
+
+def beside_the_axis(photograph: Image, angle_rad: float) -> tuple[StereoFrame, Float]:
+    """A photograph as a camera takes it that is turned away by an angle, and the rotation (3, 3) of directions to it.
+
+    The photograph is taken for one by a camera with a long focal length; the image is cut so that it holds the face.
+    """
+    import cv2
+
+    seen = frame_of(photograph, fx_px=1500)
+    turned = Rotation.from_rotvec([0, angle_rad, 0]).as_matrix()
+    fx, cx = 1500 * np.cos(angle_rad), seen.rig.cx_px - 1500 * np.sin(angle_rad)
+    rig = replace(seen.rig, fx_px=fx, fy_px=fx, cx_px=cx, cx_right_px=cx)
+    seen_from_turned = seen.rig.camera_matrix @ turned.T @ np.linalg.inv(rig.camera_matrix)
+    size = photograph.shape[1::-1]
+    image = cv2.warpPerspective(photograph, seen_from_turned, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    return replace(seen, left=image, right=image, rig=rig), turned
+
+
+def test_a_face_far_beside_the_cameras_axis_has_the_pose_that_it_has_on_it(
+    real: TddfaV2, yunet: YuNet, shared_data: Path
+) -> None:
+    """In a crop straight out of the image it is 4.5 degrees off on average."""
+    photographs = sorted((shared_data / "faces").glob("*.jpg"))
+    if not photographs:
+        pytest.skip(f"needs photographs of faces in {shared_data / 'faces'}")
+    errors = []
+    for photograph in photographs:
+        poses = []
+        for angle in np.radians([0, -40, 40]):
+            frame, turned = beside_the_axis(read_rgb(photograph), angle)
+            head = max(yunet.faces(frame), key=lambda each: float(np.ptp(each.box_px[[0, 2]])))
+            pose = real.estimate(frame, head)
+            assert pose is not None
+            poses.append(turned.T @ pose.direction)
+        errors += [np.degrees(angle_between(poses[0], pose)) for pose in poses[1:]]
+    assert np.mean(errors) < 3
 
 
 def test_a_face_near_its_profile_is_read_as_one(real: TddfaV2, yunet: YuNet, shared_data: Path) -> None:
