@@ -134,6 +134,17 @@ def test_a_latex_table_of_many_clips_has_the_rows_over_all_clips_alone() -> None
     assert many.rows[0][1] == "120"
 
 
+def test_no_hit_that_is_right_is_correct_but_no_answer() -> None:
+    (row, _) = _csv(
+        texts_of(score(answers(["none", "cup", "can"]), Reference(labels={"clip": labels("none", "cup", "cup")})))[
+            "frr.csv"
+        ]
+    )
+    assert (row["n"], row["correct"], row["wrong"], row["predicted"], row["no_hit"]) == ("3", "2", "1", "2", "1")
+    assert (float(row["coverage"]), float(row["frr_predicted"])) == (pytest.approx(2 / 3, abs=1e-6), 0.5)
+    assert row["none_true"] == ""
+
+
 def test_the_numbers_for_programs_add_up() -> None:
     rows = _csv(texts_of(score(_paper_records(), Reference(labels=PAPER_LABELS)))["frr.csv"])
     assert [(row["clip"], row["subject"], row["configuration"]) for row in rows][:5] == [
