@@ -34,8 +34,8 @@ FRAMES_COLUMNS: Mapping[str, str] = {
     "focus": "1 for the target with the most attention, else 0",
     "set_90": "1 for the targets of the smallest set with 90 % of the probability, else 0; NaN without probabilities",
     "truth": "label of the frame; missing where there is none",
-    "predicted": "answer of the configuration; missing without one",
-    "confidence": "probability of the answer, in [0, 1]; NaN without an answer or without probabilities",
+    "predicted": "answer of the configuration, (nothing hit) if nothing got any attention; missing without one",
+    "confidence": "probability of the answer, of all targets of its name, in [0, 1]; NaN without one",
     "outcome": "correct, wrong or unscored; missing for a person without a name",
     "error_type": "why a wrong frame is wrong, one of the names in frr.csv",
 }
