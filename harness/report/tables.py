@@ -152,7 +152,12 @@ def summary_table(scores: Scores) -> tuple[Table, int | None]:
 
 
 def terminal_table(scores: Scores) -> Table:
-    """The columns that fit a terminal of 100 characters, without the oracle ablation, and with short notes."""
+    """The columns that fit a terminal of 100 characters, without the oracle ablation; short notes, and what is next."""
+    table = _short_table(scores)
+    return replace(table, notes=(*table.notes, *_steps(scores)))
+
+
+def _short_table(scores: Scores) -> Table:
     compared, rows = without_oracles(scores.scored_configurations), scores.by_clip()
     losses = "" if all(math.isnan(row.metrics["log_loss"]) for row in rows) else " | Log loss"
     table = _rates(
@@ -161,12 +166,12 @@ def terminal_table(scores: Scores) -> Table:
         [row for row in rows if row.configuration in compared],
     )
     columns = [_terminal_note(table)] if scores.rows else []
-    return replace(table, notes=(*columns, *map(str, remarks(scores)), *_steps(scores)))
+    return replace(table, notes=(*columns, *map(str, remarks(scores))))
 
 
 def printed_table(scores: Scores) -> Table:
-    """The same for a page of paper: without the rows by clip if there are more than fit one."""
-    table = terminal_table(scores)
+    """The same for a page of paper: without what is next, and the rows by clip if there are more than fit one."""
+    table = _short_table(scores)
     if len(table.rows) <= MOST_PRINTED_ROWS:
         return table
     over_all = tuple(row for row in table.rows if row[0] == ALL)

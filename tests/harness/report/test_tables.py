@@ -119,6 +119,12 @@ def test_the_notes_stand_in_the_latex_table_too() -> None:
     assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 2
 
 
+def test_a_latex_table_gives_no_advice() -> None:
+    """It is for a paper, not for the person who runs vfoa."""
+    texts = texts_of(score(_paper_records(), Reference(labels=PAPER_LABELS)))
+    assert ("Next: " in texts["frr.md"], "Next: " in texts["frr.tex"]) == (True, False)
+
+
 def test_a_latex_table_of_many_clips_has_the_rows_over_all_clips_alone() -> None:
     few, many = (
         printed_table(
