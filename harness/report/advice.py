@@ -221,10 +221,16 @@ NEXT_STEPS: Mapping[str, Callable[[_Run], Iterator[str]]] = {
 }
 """Advice for each error type: phrases in the imperative, without a full stop."""
 
+_OF_METHOD = ("false_attention", "no_hit", "missed", "outscored")
+"""Error types that depend on the method of attention and its inputs, which another system's answers do not have."""
+
 
 def advice(error_type: str, configurations: Iterable[Plain], *, recorded: bool = True) -> list[str]:
     """What to try next for an error type, in a run with these configurations, the first step first.
 
     ``recorded``: the run has recordings; without them, steps that look at one name a run that makes them.
     """
-    return list(NEXT_STEPS[error_type](_Run(tuple(configurations), recorded)))
+    run = _Run(tuple(configurations), recorded)
+    if error_type in _OF_METHOD and set(run.values("attention", "method")) == {"answers"}:
+        return [f"see what the other system answered ({run.failures})"]
+    return list(NEXT_STEPS[error_type](run))

@@ -175,3 +175,10 @@ def test_where_everything_is_drawn_no_model_is_to_find_the_target() -> None:
     assert steps[0].endswith("(vfoa annotate CLIP, key p)")
     assert "category" not in " ".join(steps)
     assert advice("target_not_segmented", _plain(_load("default"), "default"))[1] == steps[0]
+
+
+def test_answers_of_another_system_are_not_explained_by_gaze_cones_or_methods() -> None:
+    answers, cones = ({"attention": {"method": method}} for method in ("answers", "cones"))
+    for error_type in ("false_attention", "no_hit", "missed", "outscored"):
+        assert advice(error_type, [answers]) == ["see what the other system answered (vfoa view RUN --failures)"]
+        assert advice(error_type, [answers, cones]) == advice(error_type, [cones])
