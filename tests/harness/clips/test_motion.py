@@ -110,6 +110,15 @@ def test_where_nothing_moves_no_features_are_looked_for(monkeypatch: pytest.Monk
     assert (rows.agree(), rows.offset()) == (True, None)
 
 
+@pytest.mark.parametrize(("beside_px", "told"), [(0.5, -1), (0.3, None)])
+def test_an_offset_is_told_if_both_beside_it_are_clearly_worse(
+    monkeypatch: pytest.MonkeyPatch, beside_px: float, told: int | None
+) -> None:
+    apart_px = {-1: 0.2, -2: beside_px}
+    monkeypatch.setattr(MovingRows, "_measured_px", lambda self, by: np.full(100, apart_px.get(by, 5.0)))
+    assert _rows([]).offset() == told
+
+
 @pytest.mark.parametrize("late", [-1, 0, 2])
 def test_real_views_of_other_frames_are_told_by_their_rows(shared_data: Path, late: int) -> None:
     training = shared_data / "sintel" / "training"
