@@ -173,7 +173,7 @@ class LogitSettings(MethodSettings):
             return ""
         return (
             "logit: nothing is fitted to this clip; in five settings the calibration error of its default weights was "
-            "0.04 to 0.25. Fitted to 20 labelled seconds it was 0.06 instead of 0.09 (people in a room), and 0.08 "
+            "0.04 to 0.29. Fitted to 20 labelled seconds it was 0.06 instead of 0.09 (people in a room), and 0.08 "
             "instead of 0.12 (a conversation)."
         )
 
