@@ -74,6 +74,8 @@ def ranking_table(compared: ComparedRuns) -> Table:
     if compared.comparisons and (alone := compared.uncompared):
         names = ", ".join(name.removeprefix(shared) for name in alone)
         notes.append(f"In one run only, so ranked and not compared: {names}.")
+    first = next(iter(compared.scores))
+    notes += (f"{run} differs from {first} in {what}." for run, what in compared.made_otherwise().items())
     notes += (
         f"{run}: labels of {listed(scores.relabelled)} have changed since its own tables were written: rates and "
         f"comparisons here have the present ones. `{vfoa_command('score', run)}` updates its tables."

@@ -219,6 +219,29 @@ def differences(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     return listed(list(dict.fromkeys(_differing(actual, wanted))), MOST)
 
 
+_OF_CLIPS = ("frames", "sha256", "drawn_sha256", "stage_outputs_sha256")
+"""What decides a clip's answers, beside the settings."""
+
+
+def differences_in_common(one: RunManifest, other: RunManifest) -> str:
+    """Name how another run was made differently, as :func:`differences`, on what both have; "" if it was not.
+
+    That is the settings of configurations of the same name, the files of clips and weights, the versions, and the code.
+    """
+    first, second = one.plain(), other.plain()
+    named = [{clip.name: clip for clip in run.clips} for run in (one, other)]
+    for run, clips in zip((first, second), named, strict=True):
+        kept = [name for name in named[1] if name in named[0]]
+        run["clips"] = {name: {key: getattr(clips[name], key) for key in _OF_CLIPS} for name in kept}
+        run["code"] = run.get("source_sha256")
+    for key in ("configurations", "weights_sha256"):
+        kept = [name for name in second.get(key, {}) if name in first.get(key, {})]
+        for run in (first, second):
+            run[key] = {name: run[key][name] for name in kept}
+    compared = ("clips", "configurations", "weights_sha256", "versions", "code")
+    return differences(first, {key: second[key] for key in compared if key in second})
+
+
 def _differing(actual: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[str]:
     for key, value in wanted.items():
         if key != _DERIVED and actual.get(key) != value:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
+from harness.run.manifest import differences_in_common
 from harness.score.comparison import Comparison, compare, compare_pairs
 from harness.score.finished_run import read_scores
 from harness.score.oracle_ablation import without_oracles
@@ -75,6 +76,15 @@ class ComparedRuns:
         """The configurations that no comparison names."""
         compared = {name for comparison in self.comparisons for name in comparison.names}
         return [name for name in self.places if name not in compared]
+
+    def made_otherwise(self) -> dict[Path, str]:
+        """The runs that were made otherwise than the first one, and in what."""
+        first, *others = self.scores
+        return {
+            run: different
+            for run in others
+            if (different := differences_in_common(self.scores[first].made, self.scores[run].made))
+        }
 
     def changes(self) -> Iterator[VerdictChange]:
         """Yield the frames that are right in one configuration of a comparison and wrong in the other, in order.

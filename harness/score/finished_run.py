@@ -44,7 +44,8 @@ def read_scores(directory: RunDirectory, where: Sequence[Condition] = ()) -> Sco
         no labelled frame meets the conditions.
     """
     run = FinishedRun.read(directory)
-    return replace(score(run.columns(), run.reference(where=where)), relabelled=tuple(run.relabelled()))
+    scores = score(run.columns(), run.reference(where=where))
+    return replace(scores, relabelled=tuple(run.relabelled()), made=run.manifest)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

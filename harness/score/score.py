@@ -19,7 +19,7 @@ from harness.files.groups import grouped
 from harness.run.columns import MeasureColumns, PairColumns
 from harness.run.directory import Pair
 from harness.run.grid import base_of
-from harness.run.manifest import Published
+from harness.run.manifest import Published, RunManifest
 from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
@@ -112,7 +112,7 @@ class Scores:
     ``unknown_names``, ``factors``, ``settings`` and ``is_recorded`` are as in :class:`Reference`. ``phases`` are the
     scores of each phase of the clips that have some, on these clips together; without notes and measures.
     ``has_answers_of_file`` says whether another system gave the answers of a configuration. ``relabelled`` are clips
-    whose labels have changed since the tables of a finished run were written.
+    whose labels have changed since the tables of a finished run were written, ``made`` is that run's manifest.
     """
 
     clips: tuple[str, ...]
@@ -130,6 +130,7 @@ class Scores:
     has_answers_of_file: bool = False
     is_recorded: bool = True
     relabelled: tuple[str, ...] = field(default=(), compare=False)
+    made: RunManifest = field(default=RunManifest(), compare=False, repr=False)
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:

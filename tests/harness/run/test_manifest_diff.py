@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from harness.run.manifest import differences
+from harness.run.manifest import RunManifest, differences, differences_in_common
 
 
 def _manifest(
@@ -39,3 +39,25 @@ def _manifest(
 )
 def test_what_differs_is_named(found: dict[str, Any], said: str) -> None:
     assert differences(found, _manifest()) == said
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        (_manifest(), ""),
+        ({**_manifest(), "commit": "another", "host": {"cores": 4}}, ""),
+        (_manifest(n_rays=20), "attention.n_rays"),
+        (_manifest(names=("b", "c")), ""),
+        (_manifest(names=("c", "b"), frames=2), "frames of b"),
+        ({**_manifest(), "configurations": {"two": {"attention": {"n_rays": 40}, "stereo": None}}}, "stereo"),
+        ({**_manifest(), "configurations": {"three": {"stereo": None}}}, ""),
+        ({**_manifest(), "weights_sha256": {"face.onnx": "2", "eye.onnx": "2"}}, "weights_sha256.face.onnx"),
+        ({**_manifest(numpy="2.3"), "source_sha256": "2"}, "versions.numpy, code"),
+    ],
+)
+def test_what_two_runs_have_in_common_is_compared(other: dict[str, Any], said: str) -> None:
+    one = RunManifest.model_validate({**_manifest(), "weights_sha256": {"face.onnx": "1"}, "source_sha256": "1"})
+    if "source_sha256" not in other:
+        other = {**other, "source_sha256": "1"}
+    found = differences_in_common(one, RunManifest.model_validate(other))
+    assert found == said
