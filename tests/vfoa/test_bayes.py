@@ -296,6 +296,18 @@ def test_25_frames_a_second_count_at_any_greater_rate(rate_hz: int) -> None:
     assert counted == pytest.approx(2 / COUNTED_S, abs=2)
 
 
+@pytest.mark.parametrize("rate_hz", [30, 50, 60, 100, 120, 240])
+def test_a_jitter_of_a_tenth_of_a_millisecond_does_not_change_which_frames_count(rate_hz: int) -> None:
+    """Some frames come exactly when one may count."""
+    times_ns = [round(1e9 * number / rate_hz) for number in range(3 * rate_hz)]
+    jitter_ns = np.random.default_rng(rate_hz).integers(-100_000, 100_000, len(times_ns))
+    exact, jittered = (
+        [attention.belief.counts for attention in looks_at(times, [0] * len(times_ns))]
+        for times in (times_ns, (times_ns + jitter_ns).tolist())
+    )
+    assert exact == jittered
+
+
 @pytest.mark.parametrize("every", [2, 4, 8])
 def test_repeated_frames_change_the_answers_little(every: int) -> None:
     """A camera that gives each frame several times says no more about the look and the error than the frame itself."""

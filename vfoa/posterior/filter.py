@@ -27,6 +27,9 @@ tau): a number per second, whatever the frame rate. So at most 1 / ``COUNTED_S``
 ms, 40 (tau = 20 ms) is what leaves the answers at 25 frames per second as they were; 60 depend a little less on the
 rate. The answer in the others follows from the last one that counts and from their own directions.
 """
+_EARLY_S = 0.0004
+"""A frame counts this much too early, too: at usual rates some come exactly when one may count, and which these are
+must not hang on the last digits of their times."""
 _ERROR_POWER = 0.7
 """Power of the likelihood of the error (not of the target) in every frame but the first: consecutive frames carry less
 information about the error than independent ones, because errors last."""
@@ -59,7 +62,7 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
 
     # time that is left over makes the next frame count earlier, so that a jitter of the times changes nothing
     budget_s = 2 * COUNTED_S if before is None else min(before.spare_s + dt_s, 2 * COUNTED_S)
-    counts = prior is not before or budget_s >= COUNTED_S  # the first frame of a cue always does
+    counts = prior is not before or budget_s >= COUNTED_S - _EARLY_S  # the first frame of a cue always does
     # the first frame counts in full: no earlier frame shares its error
     power, head_power = (1.0, 1.0) if before is None else (_ERROR_POWER, _HEAD_POWER)
     ways = Ways(columns, *(prior.weights * each for each in (prior.looked, stayed, predicted)))
@@ -88,7 +91,7 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
         facing=facing_after(prior, scenery, cues, dt_s),
         tail=min(1.0, 2 * by_gaze.tail, 2 * by_head.tail),  # of a worse fit of either cue (Bonferroni)
         counts=counts,
-        spare_s=max(budget_s - COUNTED_S, 0.0),
+        spare_s=max(budget_s - COUNTED_S, -_EARLY_S),
     )
     return pruned(belief) if counts else belief
 
