@@ -74,7 +74,6 @@ def test_a_crop_turned_with_a_leaning_bar_shows_it_upright(rows_per_column: floa
 # Crops, beside the axis
 
 
-SHIFTED = make_rig(300, 200, fx_px=400)
 beside = st.floats(-50, 50).map(np.radians)
 
 
