@@ -69,7 +69,7 @@ def import_labels(
     """Read another program's file in the format called ``name`` into an annotator's labels of the clip.
 
     Labels of subjects that the file does not have are kept, and without ``replace`` those of other frames than the
-    file's. The import is one step, which can be undone.
+    file's. The labels are one step, which can be undone, and so is each drawn shape.
 
     Parameters
     ----------
@@ -113,9 +113,11 @@ def import_labels(
                 notes.append(f"{path}: the {taken} stay: they are of other frames.")
                 continue
             if not replace:  # labels may have come with the program
-                present = (manifest.annotations.find(annotator) if path == place else None) or path
-                frame = f", also of frame {exchange.frames[twice[0]]} in {source}" if path == place else ""
-                raise VfoaError(f"{present}: has {taken} already{frame}; expected --replace, or another --annotator")
+                if path != place:  # drawn shapes are those of all annotators
+                    raise VfoaError(f"{path}: has {taken} already; expected --replace")
+                present = manifest.annotations.find(annotator) or path
+                frame = f"also of frame {exchange.frames[twice[0]]} in {source}"
+                raise VfoaError(f"{present}: has {taken} already, {frame}; expected --replace, or another --annotator")
             notes.append(f"{path}: replaced the {taken}; {undo_command(manifest, annotator)} {back}.")
         for shape in imported.drawn.tracks:
             history.drawing.put_shape(shape)

@@ -207,6 +207,7 @@ def test_shapes_of_another_program_are_drawn_on_the_clip(
     code, _, said = vfoa(monkeypatch, capsys, *words)
     assert (code, said.count("\n"), drawn.read_text()) == (2, 1, first)
     assert said.startswith(f"vfoa: {drawn}: has box of anna already")
+    assert "--annotator" not in said  # drawn shapes are those of all annotators
     assert vfoa(monkeypatch, capsys, *words, "--replace")[0] == 0
     assert "1,anna,box,39.5," in drawn.read_text()
     assert own.read_text().splitlines()[2:] == ["1,3,anna,bear,"]
