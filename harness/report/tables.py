@@ -34,7 +34,7 @@ from vfoa.scoring import ALL, BINS, LEAST_PROBABILITY
 
 FRR_NOTES = (
     "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. A pair "
-    "without a prediction is wrong.",
+    "without a prediction is wrong, unless no ray hit anything and its label is none.",
     "Units: looks, the longest runs of one true target of a subject, joined until they last 2 s, twice as long as "
     f"verdicts stay alike and, below {LEAST_CLIPS} clips, a sixteenth of all. Each counts as one observation, because "
     "the frames of a look are right or wrong together.",
