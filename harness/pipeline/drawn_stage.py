@@ -14,7 +14,7 @@ from harness.pipeline.configuration import DRAWN, Configuration
 from harness.sources import Clip
 from vfoa.coco import category_ids
 from vfoa.drawn import DrawnSettings, DrawnShape, DrawnShapes
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 from vfoa.settings import Settings
 from vfoa.types import Head, Instances, StereoFrame
 
@@ -72,8 +72,8 @@ class DrawnClip:
     @property
     def summary(self) -> str:
         """What is drawn, and the number of key frames, in words."""
-        keys = sum(len(track.keys) for track in self.drawn.tracks)
-        return f"drawn by hand: {', '.join(self.drawn.names)} ({keys} key frames)."
+        keys = counted(sum(len(track.keys) for track in self.drawn.tracks), "key frame")
+        return f"drawn by hand: {', '.join(self.drawn.names)} ({keys})."
 
     def shapes(self, settings: DrawnSettings) -> DrawnShapes:
         """Return the shapes for the pipeline."""
