@@ -23,7 +23,8 @@ from typing import Any
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_json
 from harness.labels.formats.boris_exports import read_export
-from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, Span, from_spans, one_line
+from harness.labels.formats.exchange import MS, Exchange, Imported, ReadOnly, one_line
+from harness.labels.formats.spans import Span, from_spans
 from harness.labels.labels import Label, Timeline
 from vfoa.errors import VfoaError, check_known, counted
 

@@ -16,7 +16,8 @@ from xml.etree.ElementTree import Element
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_xml
 from harness.labels.formats.elan_text import TextAnnotation, is_elan_text, read_elan_text
-from harness.labels.formats.exchange import Exchange, Imported, to_spans
+from harness.labels.formats.exchange import Exchange, Imported
+from harness.labels.formats.spans import to_spans
 from harness.labels.formats.tiers import NOTE, POINT, STATE, TAG, from_tiers
 from harness.labels.labels import Labels
 from harness.labels.rows import SUGGESTED

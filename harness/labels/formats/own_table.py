@@ -28,14 +28,12 @@ from harness.labels.formats.exchange import (
     Exchange,
     Imported,
     ReadOnly,
-    Span,
     file_name,
-    from_spans,
     in_ms,
     rounded_ms,
-    without,
 )
 from harness.labels.formats.eye_trackers import area_of, check_no_recording, of_eye_tracker, with_target
+from harness.labels.formats.spans import Span, from_spans, without
 from harness.labels.formats.table_columns import known_columns, meant_by
 from harness.labels.formats.table_images import check_images, with_frames_of_images
 from harness.labels.formats.table_times import (

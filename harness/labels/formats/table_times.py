@@ -13,7 +13,8 @@ from pathlib import Path
 
 from harness.files.dialects import Row, is_missing, number_hint
 from harness.files.tables import whole_number
-from harness.labels.formats.exchange import MS, Exchange, Span
+from harness.labels.formats.exchange import MS, Exchange
+from harness.labels.formats.spans import Span
 from harness.labels.labels import Timeline
 from harness.sources.media.frame_times import DATE, SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, date_ns
 from vfoa.errors import VfoaError

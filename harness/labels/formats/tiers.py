@@ -12,7 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, one_line
+from harness.labels.formats.exchange import Exchange, Imported, one_line
+from harness.labels.formats.spans import Span, from_spans
 from harness.labels.formats.table_columns import COLUMNS
 from harness.labels.labels import Label
 from harness.labels.rows import SUGGESTED, parse_point, parse_tags
