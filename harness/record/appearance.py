@@ -13,7 +13,7 @@ import numpy as np
 
 from harness.labels.labels import IGNORED, NOWHERE
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord
-from harness.score.verdicts import probabilities
+from harness.score.verdicts import name_probabilities
 from vfoa.geometry import CONE_HEIGHT_M, left_from_crop
 from vfoa.types import Attention, Cone, Cue, Float, Scene
 
@@ -117,9 +117,9 @@ def _sum(first: float | None, second: float | None) -> float | None:
 
 def totals_by_name(record: FrameRecord, subject: SubjectRecord, *, probabilistic: bool) -> dict[str, float]:
     """A subject's total attention by the target's manifest name; of probabilities, also that of looking at nothing."""
-    by_name = attention_by_name(record, subject, probabilistic=probabilistic)
-    totals = {name: value.total for name, value in by_name.items()}
-    return {**totals, NOWHERE: probabilities(subject)[None]} if probabilistic and totals else totals
+    if probabilistic:
+        return name_probabilities(record, subject) if subject.attention else {}
+    return {name: value.total for name, value in attention_by_name(record, subject, probabilistic=False).items()}
 
 
 def reach_m(attention: Attention, scene: Scene) -> float:

@@ -77,10 +77,9 @@ def ranking_table(compared: ComparedRuns) -> Table:
     first = next(iter(compared.scores))
     notes += (f"{run} differs from {first} in {what}." for run, what in compared.made_otherwise().items())
     notes += (
-        f"{run}: labels of {listed(scores.relabelled)} have changed since its own tables were written: rates and "
+        f"{run}: labels of {listed(clips)} have changed since its own tables were written: rates and "
         f"comparisons here have the present ones. `{vfoa_command('score', run)}` updates its tables."
-        for run, scores in compared.scores.items()
-        if scores.relabelled
+        for run, clips in compared.relabelled().items()
     )
     return Table.of(
         "Configurations by FRR",

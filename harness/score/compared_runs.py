@@ -12,7 +12,7 @@ from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
 from harness.run.manifest import differences_in_common
 from harness.score.comparison import Comparison, compare, compare_pairs
-from harness.score.finished_run import read_scores
+from harness.score.finished_run import FinishedRun, read_scores
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.subset import Condition
@@ -79,12 +79,15 @@ class ComparedRuns:
 
     def made_otherwise(self) -> dict[Path, str]:
         """The runs that were made otherwise than the first one, and in what."""
-        first, *others = self.scores
-        return {
-            run: different
-            for run in others
-            if (different := differences_in_common(self.scores[first].made, self.scores[run].made))
-        }
+        first, *others = (RunDirectory(run) for run in self.scores)
+        made = first.read_manifest()
+        found = {run.path: differences_in_common(made, run.read_manifest()) for run in others}
+        return {run: different for run, different in found.items() if different}
+
+    def relabelled(self) -> dict[Path, list[str]]:
+        """The runs whose own tables are of earlier labels, and the clips of which these are."""
+        found = {run: FinishedRun.read(RunDirectory(run)).relabelled() for run in self.scores}
+        return {run: clips for run, clips in found.items() if clips}
 
     def changes(self) -> Iterator[VerdictChange]:
         """Yield the frames that are right in one configuration of a comparison and wrong in the other, in order.

@@ -44,8 +44,7 @@ def read_scores(directory: RunDirectory, where: Sequence[Condition] = ()) -> Sco
         no labelled frame meets the conditions.
     """
     run = FinishedRun.read(directory)
-    scores = score(run.columns(), run.reference(where=where))
-    return replace(scores, relabelled=tuple(run.relabelled()), made=run.manifest)
+    return score(run.columns(), run.reference(where=where))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

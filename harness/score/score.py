@@ -19,7 +19,7 @@ from harness.files.groups import grouped
 from harness.run.columns import MeasureColumns, PairColumns
 from harness.run.directory import Pair
 from harness.run.grid import base_of
-from harness.run.manifest import Published, RunManifest
+from harness.run.manifest import Published
 from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
@@ -111,8 +111,7 @@ class Scores:
     truth, ``directions`` the measured directions with the posterior. ``judged_subjects`` are the input of the rows.
     ``unknown_names``, ``factors``, ``settings`` and ``is_recorded`` are as in :class:`Reference`. ``phases`` are the
     scores of each phase of the clips that have some, on these clips together; without notes and measures.
-    ``has_answers_of_file`` says whether another system gave the answers of a configuration. ``relabelled`` are clips
-    whose labels have changed since the tables of a finished run were written, ``made`` is that run's manifest.
+    ``has_answers_of_file`` says whether another system gave the answers of a configuration.
     """
 
     clips: tuple[str, ...]
@@ -129,8 +128,6 @@ class Scores:
     phases: Mapping[str, Scores] = field(default_factory=dict)
     has_answers_of_file: bool = False
     is_recorded: bool = True
-    relabelled: tuple[str, ...] = field(default=(), compare=False)
-    made: RunManifest = field(default=RunManifest(), compare=False, repr=False)
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
