@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vfoa.geometry import back_project, left_from_crop, length_of, unit
-from vfoa.types import Flags, Float, Image, StereoFrame, StereoRig
+from vfoa.types import Flags, Float, Head, Image, StereoFrame, StereoRig
 
 
 def grow(box_px: ArrayLike, *, side: float, top: float, bottom: float) -> Float:
@@ -28,6 +28,8 @@ def head_box(face_px: ArrayLike) -> Float:
 
 _FACE_ASPECT = 0.72
 """Width of a face's box over its height; of eight faces to the camera and turned from it, 0.63 to 0.84."""
+_HEAD_ASPECT = 0.75
+"""Width of a head's box over its height: that of :func:`head_box` of a face of this shape."""
 _AT_BORDER = 0.04
 """A box that ends this near to the border of the image, as a share of its width or height, is cut by it."""
 
@@ -40,22 +42,39 @@ def reaches_border(box_px: ArrayLike, image: Image) -> bool:
 def completed(face_px: ArrayLike, image: Image) -> Float:
     """Return the box (4,) of a whole face, of which the border of an image (H, W, 3) may cut off a side.
 
-    A detector boxes the part that it sees. The box goes on beyond the border until it has the shape of a face. A box
-    that is cut on two sides, or has this shape already, stays.
+    A detector boxes the part that it sees. The box goes on beyond the border until it has the shape of a face.
     """
-    face = np.array(face_px, dtype=np.float64)
-    cut = _cut_sides(face, image)
+    return _completed(face_px, image, _FACE_ASPECT)
+
+
+def whole_head(head: Head, image: NDArray[Any]) -> Float:
+    """Return the box (4,) of a whole head, of which the border of an image (H, W, ...) may cut off a side.
+
+    The part that is missing is that of the face (:func:`completed`); of a head without one, that of its own box.
+    """
+    if head.face_box_px is None:
+        return _completed(head.box_px, image, _HEAD_ASPECT)
+    return head.box_px + head_box(completed(head.face_box_px, image)) - head_box(head.face_box_px)
+
+
+def _completed(box_px: ArrayLike, image: NDArray[Any], aspect: float) -> Float:
+    """The box (4,), moved out on the side that is cut until its width is ``aspect`` of its height.
+
+    A box that has this shape, or is longer in the direction that is cut, stays; so does one that is cut on two sides.
+    """
+    box = np.array(box_px, dtype=np.float64)
+    cut = _cut_sides(box, image)
     if cut.sum() != 1:
-        return face
+        return box
     ((side,),) = np.nonzero(cut)
-    width, height = face[2:] - face[:2]
-    of_whole = _FACE_ASPECT * height if side % 2 == 0 else width / _FACE_ASPECT
+    width, height = box[2:] - box[:2]
+    of_whole = aspect * height if side % 2 == 0 else width / aspect
     missing = max(0.0, of_whole - (width if side % 2 == 0 else height))
-    face[side] += missing if side >= 2 else -missing
-    return face
+    box[side] += missing if side >= 2 else -missing
+    return box
 
 
-def _cut_sides(box: Float, image: Image) -> Flags:
+def _cut_sides(box: Float, image: NDArray[Any]) -> Flags:
     """Which of the sides (left, top, right, bottom) of a box (4,) end at the border of an image."""
     height, width = image.shape[:2]
     near = _AT_BORDER * np.tile(box[2:] - box[:2], 2)

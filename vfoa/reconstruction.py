@@ -18,6 +18,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from vfoa.crops import whole_head
 from vfoa.geometry import back_project, left_from_crop, length_of, turn_about_z, unit
 from vfoa.pixels import ViewMaps, Window, known_pixels, points_of, window_of
 from vfoa.settings import Settings
@@ -217,7 +218,8 @@ def covering_person(head: Head, instances: Instances, rig: StereoRig, labels: Co
 #
 # head   The head is an ellipsoid that touches the planes through the camera and the sides of its box, and is as long as
 #        the mean of its breadth and its height. Each pixel gives an estimate of the distance of its middle; the median
-#        is used. The eyes are where the head's direction leaves the ball of that mean radius about the middle.
+#        is used. The eyes are where the head's direction leaves the ball of that mean radius about the middle. The
+#        box of a head that the image's border cuts goes on beyond it (vfoa.crops.whole_head).
 # patch  The paper's (Simões and Moreno 2022): the median of the points of a square patch, centred in the box, at 35 %
 #        of its height from the top. It is right for a head turned to the camera. For one turned by 40 degrees, or bent
 #        over a table, the patch lies on the temple or the hair, and the cone's apex is off by up to 7 cm.
@@ -245,7 +247,7 @@ def _ball(
     head: Head, instance_id: int | None, seen: ViewMaps, settings: ReconstructionSettings
 ) -> tuple[Float, float] | None:
     """Middle (3,) and radius of the ball in a head's box, metres; None if too few points are known."""
-    u0, v0, u1, v1 = head.box_px
+    u0, v0, u1, v1 = whole_head(head, seen.instances.ids)
     (left, top, _), (right, bottom, _) = back_project([u0, u1], [v0, v1], 1, seen.rig)
     (x, half_x), (y, half_y) = _tangent_circle(left, right), _tangent_circle(top, bottom)
     towards = np.array([x, y, 1])

@@ -49,6 +49,19 @@ def test_a_crop_of_pixels_is_those_pixels() -> None:
     np.testing.assert_array_equal(crop(image, (9.5, 4.5, 25.5, 20.5), 16), image[5:21, 10:26])
 
 
+@pytest.mark.parametrize("size", [8, 16, 19, 24])
+@pytest.mark.parametrize("shape", [(24, 24), (12, 24), (24, 12)])
+def test_a_crop_is_as_bright_as_what_its_box_holds(shape: tuple[int, int], size: int) -> None:
+    """No line of the image is left out, or counts twice, whatever the size of a crop."""
+    height, width = shape
+    box = (9.5, 9.5, 9.5 + width, 9.5 + height)
+    for line in range(3, 9):
+        image = np.zeros((44, 44, 3), np.uint8)
+        image[:, 10 + line] = 240
+        assert crop(image, box, size).mean() == pytest.approx(240 / width, rel=0.15)
+        assert crop(image.swapaxes(0, 1).copy(), box, size).mean() == pytest.approx(240 / height, rel=0.15)
+
+
 def test_a_crop_beyond_the_border_repeats_its_pixels() -> None:
     image = np.full((40, 50, 3), 90, np.uint8)
     np.testing.assert_array_equal(crop(image, (-30, -30, 20, 80), 32), 90)

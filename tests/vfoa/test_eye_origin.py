@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tests.scenes import make_rig
+from vfoa.crops import head_box, reaches_border
 from vfoa.geometry import back_project, disparity_from_depth, unit
 from vfoa.reconstruction import ReconstructionSettings, eye_origin
 from vfoa.types import Disparity, Float, Head, HeadPose, HeadView, Instance, Instances, Percepts, StereoRig
@@ -22,14 +23,17 @@ CENTER = np.array([0.03, -0.02, 1.2])
 SIDEWAYS = unit([-1.0, 0.5, -0.6])
 
 
-def ball(center: Float = CENTER, radius_m: float = RADIUS_M, rig: StereoRig = RIG) -> Percepts:
-    """A ball, instance 1, before a wall at 3 m."""
+def ball(
+    center: Float = CENTER, radius_m: float = RADIUS_M, rig: StereoRig = RIG, stretched: tuple[float, ...] = (1, 1, 1)
+) -> Percepts:
+    """A ball, instance 1, before a wall at 3 m; ``stretched`` along the camera's axes, an ellipsoid."""
     v, u = np.mgrid[: rig.height_px, : rig.width_px]
-    rays = unit(back_project(u, v, np.ones(u.shape), rig))
+    towards = back_project(u, v, np.ones(u.shape), rig) / stretched
+    rays, center = unit(towards), center / stretched
     along = rays @ center
     inside = along**2 - center @ center + radius_m**2
     hit = inside >= 0
-    depth = np.where(hit, (along - np.sqrt(np.maximum(inside, 0))) * rays[..., 2], 3.0)
+    depth = np.where(hit, (along - np.sqrt(np.maximum(inside, 0))) / np.linalg.norm(towards, axis=2), 3.0)
     person = Instance(id=1, label="person", category_id=1, is_thing=True, score=1.0)
     return Percepts(
         index=1,
@@ -38,6 +42,31 @@ def ball(center: Float = CENTER, radius_m: float = RADIUS_M, rig: StereoRig = RI
         disparity=Disparity(disparity_px=disparity_from_depth(depth, rig).astype(np.float32)),
         instances=Instances(ids=hit.astype(np.uint16), instances=(person,)),
         views=(),
+    )
+
+
+def face_of(head_px: Float) -> Float:
+    """The box (4,) of the face from which a head's is grown."""
+    u0, v0, u1, v1 = head_px
+    width, height = (u1 - u0) / 1.3, (v1 - v0) / 1.25
+    return np.array([u0 + 0.15 * width, v0 + 0.2 * height, u1 - 0.15 * width, v1 - 0.05 * height])
+
+
+def cut(percepts: Percepts, left: int, top: int, right: int, bottom: int) -> Percepts:
+    """What is seen in a part of the image."""
+    part, rig = (slice(top, bottom), slice(left, right)), percepts.rig
+    return replace(
+        percepts,
+        rig=replace(
+            rig,
+            width_px=right - left,
+            height_px=bottom - top,
+            cx_px=rig.cx_px - left,
+            cy_px=rig.cy_px - top,
+            cx_right_px=rig.cx_right_px - left,
+        ),
+        disparity=Disparity(disparity_px=percepts.disparity.disparity_px[part]),
+        instances=replace(percepts.instances, ids=percepts.instances.ids[part]),
     )
 
 
@@ -73,10 +102,35 @@ def test_the_eyes_are_where_the_heads_direction_leaves_it(
     """Anywhere in the image, up to 47 degrees beside the axis, where a ball's outline is a long ellipse."""
     center = z * np.array([right, down, 1])
     direction = unit([np.sin(turn), np.sin(nod), -np.cos(turn)])
-    origin = found(ball(center, radius, rig=WIDE), direction)
+    seen = ball(center, radius, rig=WIDE)
+    assume(not reaches_border(view(seen, direction).head.box_px, seen.instances.ids))
+    origin = found(seen, direction)
     assert origin is not None
     # the box is exact to a pixel, which is z / f wide
     assert np.linalg.norm(origin - (center + radius * direction)) < z / WIDE.fx_px
+
+
+@pytest.mark.parametrize("has_face", [False, True])
+@pytest.mark.parametrize("side", range(4))
+def test_a_head_cut_by_the_images_border_has_the_eyes_of_the_whole_head(side: int, has_face: bool) -> None:
+    """A third of the head lies beyond the left, upper, right or lower border."""
+    whole = ball(stretched=(0.75, 1, 0.75))
+    head = view(whole, SIDEWAYS).head.box_px
+    limits = np.array([0, 0, RIG.width_px, RIG.height_px])
+    third = (head[2:] - head[:2])[side % 2] / 3
+    limits[side] = round(head[side] + 0.5 + (third if side < 2 else -third))
+    left, top, right, bottom = limits.tolist()
+    seen = cut(whole, left, top, right, bottom)
+    shown = view(seen, SIDEWAYS)
+    if has_face:
+        u0, v0 = face_of(head)[:2] - [left, top]
+        u1, v1 = face_of(head)[2:] - [left, top]
+        face = np.array([max(u0, -0.5), max(v0, -0.5), min(u1, right - left - 0.5), min(v1, bottom - top - 0.5)])
+        shown = replace(shown, head=Head(box_px=head_box(face), face_box_px=face, score=1.0))
+    origin, truth = eye_origin(shown, 1, seen, ReconstructionSettings()), found(whole, SIDEWAYS)
+    assert origin is not None
+    assert truth is not None
+    assert np.linalg.norm(origin - truth) < 0.01
 
 
 def test_the_patch_is_far_off_for_a_head_turned_away() -> None:
