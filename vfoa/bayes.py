@@ -22,7 +22,7 @@ from pydantic import Field
 
 from vfoa.geometry import sigma_rad
 from vfoa.instance_tracking import frames_missed
-from vfoa.methods import MethodSettings, answer_of, boxes_of_others, revised
+from vfoa.methods import NO_NAMES, MethodSettings, answer_of, boxes_of_others, revised
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered, smoothed, update
@@ -128,7 +128,7 @@ class Posterior:
         self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[HeldBelief | None, ...]
     ) -> tuple[tuple[Attention, ...], tuple[HeldBelief | None, ...]]:
         """Compute every subject's attention in one frame: :func:`infer_attentions`."""
-        return infer_attentions(subjects, scene.targets, states, self._settings, scene.time_ns)
+        return infer_attentions(subjects, scene.targets, states, self._settings, scene.time_ns, scene.names)
 
     def revise(self, window: Sequence[FrameResult], count: int) -> list[FrameResult]:
         """Return the first frames with every subject's attention given the whole window: :func:`smooth`."""
@@ -141,6 +141,7 @@ def infer_attentions(
     states: tuple[HeldBelief | None, ...],
     settings: BayesSettings,
     time_ns: int | None = None,
+    names: Mapping[int, str] = NO_NAMES,
 ) -> tuple[tuple[Attention, ...], tuple[HeldBelief | None, ...]]:
     """Compute every subject's attention in one frame, and the belief that the next frame starts from.
 
@@ -148,14 +149,14 @@ def infer_attentions(
     it was; with ``smoothing = "off"`` there never is one.
 
     ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
-    rest up to 1, also that of remembered targets, and the focus is None where that is the greatest. The total is
-    divided between the cues by their precision. ``belief`` is the input of :func:`smooth`; ``fit`` says how well the
-    directions fit the belief.
+    rest up to 1, also that of remembered targets. The focus is the likeliest of them, by ``names``
+    (:func:`vfoa.methods.likeliest`). The total is divided between the cues by their precision. ``belief`` is the input
+    of :func:`smooth`; ``fit`` says how well the directions fit the belief.
     """
     eyes = eyes_of(subjects)
     attentions, after = [], []
     for subject, before in zip(subjects, states, strict=True):
-        attention, held = _infer(subject, targets, eyes, before, settings, time_ns)
+        attention, held = _infer(subject, targets, eyes, before, settings, time_ns, names)
         attentions.append(attention)
         after.append(before if held is None or settings.smoothing == "off" else held)
     return tuple(attentions), tuple(after)
@@ -166,7 +167,7 @@ def smooth(window: Sequence[FrameResult], count: int, settings: BayesSettings) -
 
     def of_person(frames: list[tuple[FrameResult, Attention]]) -> Iterator[Attention]:
         beliefs = [attention.belief for _, attention in frames]
-        for (_, attention), belief, probabilities in zip(frames, beliefs, smoothed(beliefs), strict=True):
+        for (frame, attention), belief, probabilities in zip(frames, beliefs, smoothed(beliefs), strict=True):
             yield _answer(
                 attention.subject,
                 [value.instance_id for value in attention.values],
@@ -174,6 +175,7 @@ def smooth(window: Sequence[FrameResult], count: int, settings: BayesSettings) -
                 measured_cues(attention.subject, settings),
                 answered(belief, probabilities, settings.error, later_known=True),
                 attention.fit,
+                frame.scene.names,
             )
 
     return revised(window, count, Belief, of_person)
@@ -186,6 +188,7 @@ def _infer(
     before: HeldBelief | None,
     settings: BayesSettings,
     time_ns: int | None,
+    names: Mapping[int, str],
 ) -> tuple[Attention, HeldBelief | None]:
     found = believed(subject, targets, eyes, before, settings, time_ns)
     if isinstance(found, NoAttention):
@@ -194,7 +197,7 @@ def _infer(
     belief = held.belief
     probabilities = answered(belief, belief.probabilities, settings.error)
     ids = boxes_of_others(subject, targets)
-    return _answer(subject, ids, belief, cues, probabilities, fit_of(belief, cues)), held
+    return _answer(subject, ids, belief, cues, probabilities, fit_of(belief, cues), names), held
 
 
 def _answer(
@@ -204,12 +207,13 @@ def _answer(
     cues: MeasuredCues,
     probabilities: Float,
     fit: DirectionFit | None,
+    names: Mapping[int, str],
 ) -> Attention:
     """The attention with these probabilities (T,) of the targets of the belief, for the targets ``ids``."""
     chance = dict(zip(belief.keys, probabilities.tolist(), strict=True))
     totals = {number: chance.get(number, 0.0) for number in ids}
     nowhere = sum((probability for number, probability in chance.items() if number not in totals), 0.0)
-    return answer_of(subject, totals, nowhere, cue_shares(cues, belief), belief=belief, fit=fit)
+    return answer_of(subject, totals, nowhere, cue_shares(cues, belief), names, belief=belief, fit=fit)
 
 
 _RECENT: Recent[Belief] = Recent(16)

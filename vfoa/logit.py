@@ -37,7 +37,7 @@ from vfoa.logit_cues import (
     later_means,
     observe,
 )
-from vfoa.methods import MethodSettings, answer_of, revised
+from vfoa.methods import NO_NAMES, MethodSettings, answer_of, revised
 from vfoa.posterior.belief import Belief, MeasuredCues, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered
@@ -223,7 +223,7 @@ class Logit:
         self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[Remembered, ...]
     ) -> tuple[tuple[Attention, ...], tuple[Remembered, ...]]:
         """Compute every subject's attention in one frame: :func:`weigh_attentions`."""
-        return weigh_attentions(subjects, scene.targets, states, self._settings, scene.time_ns)
+        return weigh_attentions(subjects, scene.targets, states, self._settings, scene.time_ns, scene.names)
 
     def revise(self, window: Sequence[FrameResult], count: int) -> list[FrameResult]:
         """Return the first frames with every subject's attention given the whole window: :func:`weigh_again`."""
@@ -262,15 +262,16 @@ def weigh_attentions(
     states: tuple[Remembered, ...],
     settings: LogitSettings,
     time_ns: int | None = None,
+    names: Mapping[int, str] = NO_NAMES,
 ) -> tuple[tuple[Attention, ...], tuple[Remembered, ...]]:
     """Compute every subject's attention in one frame, and what the next frame starts from.
 
     ``states`` are what the subjects' frames left so far, ``Remembered()`` for a person who has none.
 
     ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
-    rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by the sums of
-    their weights; without any, as the posterior divides it. ``belief`` is the input of :func:`weigh_again`; ``fit``
-    says how well the directions fit the posterior.
+    rest up to 1. The focus is the likeliest of them, by ``names`` (:func:`vfoa.methods.likeliest`). The total is
+    divided between the cues by the sums of their weights; without any, as the posterior divides it. ``belief`` is the
+    input of :func:`weigh_again`; ``fit`` says how well the directions fit the posterior.
     """
     eyes = eyes_of(subjects)
     attentions, after = [], []
@@ -283,7 +284,7 @@ def weigh_attentions(
         held, cues = found
         belief = held.belief
         seen, means = _observed(subject, targets, eyes, before.means, belief, cues, time_ns)
-        attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False)))
+        attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False), names))
         after.append(Remembered(means, held))
     return tuple(attentions), tuple(after)
 
@@ -320,8 +321,9 @@ def weigh_again(window: Sequence[FrameResult], count: int, settings: LogitSettin
     def of_person(frames: list[tuple[FrameResult, Attention]]) -> Iterator[Attention]:
         seen = [attention.belief for _, attention in frames]
         gaps_s = [seconds_between(*times) for times in pairwise(frame.scene.time_ns for frame, _ in frames)]
-        for (_, attention), each, after in zip(frames, seen, later_means(seen, gaps_s), strict=True):
-            yield _attention(attention.subject, each, settings.of_case(each.case, later=True), after)
+        for (frame, attention), each, after in zip(frames, seen, later_means(seen, gaps_s), strict=True):
+            weights = settings.of_case(each.case, later=True)
+            yield _attention(attention.subject, each, weights, frame.scene.names, after)
 
     return revised(window, count, FrameFeatures, of_person)
 
@@ -331,13 +333,14 @@ def target_probabilities(seen: FrameFeatures, weights: Weights, after: Float | N
     return probabilities(features(seen, seen.case, after) @ _prepared(weights)[0], weights.spread)
 
 
-def _attention(subject: Subject, seen: FrameFeatures, weights: Weights, after: Float | None = None) -> Attention:
+def _attention(
+    subject: Subject, seen: FrameFeatures, weights: Weights, names: Mapping[int, str], after: Float | None = None
+) -> Attention:
     probability = target_probabilities(seen, weights, after)
     totals = dict(zip(seen.ids, probability.tolist(), strict=True))
     by_weights = _prepared(weights)[1] if seen.case == "both" else None
-    return answer_of(
-        subject, totals, 1 - float(probability.sum()), by_weights or seen.shares, belief=seen, fit=seen.fit
-    )
+    nowhere = 1 - float(probability.sum())
+    return answer_of(subject, totals, nowhere, by_weights or seen.shares, names, belief=seen, fit=seen.fit)
 
 
 _PREPARED: Recent[tuple[Float, tuple[float, float] | None]] = Recent(16)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, Protocol, Self, TypeVar
 
 from vfoa.registry import Registry
@@ -105,6 +106,10 @@ DEFAULT_METHOD = "cones"
 """The method where none is named."""
 
 
+NO_NAMES: Mapping[int, str] = MappingProxyType({})
+"""The names of targets that nobody names."""
+
+
 def open_method(settings: MethodSettings) -> AttentionMethod[Any]:
     """Return the method that these settings name."""
     method: AttentionMethod[Any] = METHODS.load(settings.method)(settings)
@@ -126,21 +131,40 @@ def boxes_of_others(subject: Subject, targets: tuple[Target, ...]) -> dict[int, 
 
 
 def answer_of(
-    subject: Subject, totals: Mapping[int, float], nowhere: float, shares: tuple[float, float], **details: Any
+    subject: Subject,
+    totals: Mapping[int, float],
+    nowhere: float,
+    shares: tuple[float, float],
+    names: Mapping[int, str],
+    **details: Any,
 ) -> Attention:
-    """Return the attention with these probabilities by instance id; no focus where ``nowhere`` is the greatest.
+    """Return the attention with these probabilities by instance id.
 
-    ``shares`` are those of gaze and head in each total, NaN for a cue that was not measured; ``details`` are other
-    fields of the attention.
+    The focus is the first that is :func:`likeliest`. ``shares`` are those of gaze and head in each total, NaN for a cue
+    that was not measured; ``details`` are other fields of the attention.
     """
     by_gaze, by_head = shares
     values = tuple(
         TargetAttention(instance_id=number, gaze=by_gaze * total, head=by_head * total, total=total)
         for number, total in totals.items()
     )
-    best = max(totals.values(), default=0.0)
-    first = [number for number, total in totals.items() if total == best > nowhere]
+    first = likeliest(totals, nowhere, names)
     return Attention(subject=subject, values=values, focus=next(iter(first), None), tied=tuple(first[1:]), **details)
+
+
+def likeliest(totals: Mapping[int, float], nowhere: float, names: Mapping[int, str]) -> list[int]:
+    """Return the likeliest targets of the likeliest name; none where ``nowhere`` is as likely as it.
+
+    A label says that one of three cups is looked at, not which. ``totals`` are the targets' probabilities by instance
+    id, ``names`` are as in :attr:`vfoa.types.Scene.names`: a target without one counts alone.
+    """
+    named = {number: names.get(number, number) for number in totals}
+    of_name = dict.fromkeys(named.values(), 0.0)
+    for number, total in totals.items():
+        of_name[named[number]] += total
+    ranks = {number: (of_name[named[number]], total) for number, total in totals.items()}
+    best = max(ranks.values(), default=(0.0, 0.0))
+    return [number for number, rank in ranks.items() if rank == best and best[0] > nowhere]
 
 
 def person_key(subject: Subject) -> int | str:

@@ -30,6 +30,7 @@ from harness.score.labelled_run import (
     LabelledPair,
     LabelledPerson,
     LabelledRun,
+    Names,
     ScoredAnswer,
     cases_of,
     labelled_runs,
@@ -40,6 +41,7 @@ from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, default_weights, target_probabilities
 from vfoa.logit_cues import ROWS, later_means
 from vfoa.logit_fit import SMOOTHINGS, Smoothing, fit
+from vfoa.methods import likeliest
 from vfoa.scoring import calibration_error, log_loss
 from vfoa.types import Flags, Float
 
@@ -209,16 +211,16 @@ def answers(person: LabelledPerson, weights: LogitWeights, smoothing: Smoothing)
     for k in person.labelled:
         seen = sequence.seen[k]
         chance = target_probabilities(seen, getattr(cases, seen.case), after[k])
-        chances = dict(zip((None, *seen.ids), [1 - float(chance.sum()), *chance.tolist()], strict=True))
-        best = max(chances, key=lambda answer: chances[answer])  # nowhere, if it is as likely
-        outcomes.append(_outcome(person, k, best, chances))
+        totals, nowhere = dict(zip(seen.ids, chance.tolist(), strict=True)), 1 - float(chance.sum())
+        best = next(iter(likeliest(totals, nowhere, person.names[k])), None)
+        outcomes.append(_outcome(person, k, best, {None: nowhere} | totals))
     return np.array(outcomes, dtype=np.float64).reshape(-1, 3)
 
 
 def _outcome(person: LabelledPerson, k: int, best: int | None, chances: Mapping[int | None, float]) -> ScoredAnswer:
     """The outcome of an answer in a frame: all objects of a name are one, but for those that a point tells apart."""
     names, right = person.names[k], person.sequence.targets[k]
-    kinds = {each: (names.get(each, each), each in right) for each in chances}
+    kinds = {each: (_kind(each, names), each in right) for each in chances}
     of_best = sum(chance for each, chance in chances.items() if kinds[each] == kinds[best])
     return best in right, of_best, sum(chances.get(each, 0.0) for each in right)
 
@@ -263,7 +265,12 @@ _Labels = Counter[str | int | None]
 
 def _labels_of(people: Sequence[LabelledPerson]) -> _Labels:
     first = [(person.names[k], person.sequence.targets[k][0]) for person in people for k in person.labelled]
-    return Counter(names.get(target, target) for names, target in first)
+    return Counter(_kind(target, names) for names, target in first)
+
+
+def _kind(target: int | None, names: Names) -> int | str | None:
+    """What a target counts as: its name, or itself without one; None: nowhere."""
+    return None if target is None else names.get(target, target)
 
 
 def _commonest(person: LabelledPerson, labels: _Labels) -> Float:

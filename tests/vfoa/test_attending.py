@@ -114,6 +114,30 @@ def test_a_first_frame_is_corrected_by_those_after_it() -> None:
     assert [len(block) for block in revised] == [0, 0, 0, 0, 0, 0, 4, 0, 4]  # seven have come: three ahead of each
 
 
+@pytest.mark.parametrize("method", [bayes("forward"), bayes("both"), logit("forward"), logit("both")])
+def test_the_answer_is_the_likeliest_target_of_the_likeliest_name(method: MethodSettings) -> None:
+    """Three cups may be more likely than the one plate, and none of them as likely as it."""
+    cups = [make_target(number, make_box((x, 0, 2), 0.05)) for number, x in ((1, -0.9), (2, -0.6), (3, -0.5))]
+    plate = make_target(4, make_box((0.3, 0, 2), 0.05))
+    ways = set()
+    for gaze in np.linspace(-0.6, 0.2, 17):
+        unnamed = Scene(index=0, time_ns=0, targets=(*cups, plate), people=(make_person(gaze=(gaze, 0, 1)),))
+        named = replace(unnamed, names={1: "cup", 2: "cup", 3: "cup", 4: "plate"})
+        found, alone = (
+            next(result.attentions[0] for block in blocks(method, [scene]) for result in block)
+            for scene in (named, unnamed)
+        )
+        total, same = ({value.instance_id: value.total for value in each.values} for each in (found, alone))
+        assert total == same
+        cup = max((1, 2, 3), key=lambda number: total[number])
+        chances = {**total, None: 1 - sum(total.values())}
+        of_names = {cup: total[1] + total[2] + total[3], 4: total[4], None: chances[None]}
+        assert found.focus == max(of_names, key=lambda focus: of_names[focus])
+        assert alone.focus == max(chances, key=lambda focus: chances[focus])
+        ways.add((found.focus in (1, 2, 3), alone.focus in (1, 2, 3)))
+    assert {(True, False), (False, False)} <= ways
+
+
 def revised_by(method: BayesSettings | LogitSettings, window: list[FrameResult]) -> list[FrameResult]:
     """All frames of a window, revised."""
     if isinstance(method, BayesSettings):

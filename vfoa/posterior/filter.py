@@ -160,7 +160,6 @@ def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_ChosenHypoth
         # a cue that came later had a single hypothesis before
         row = np.searchsorted(belief.gaze.number, number) if len(belief.gaze.number) > 1 else np.zeros_like(gaze)
         column = head if len(belief.head.share) > 1 else np.zeros_like(head)
-        row = np.minimum(row, len(belief.gaze.number) - 1)
         pair = ..., column, row
         steps.append(_ChosenHypotheses(belief.keys, belief.looked[pair], belief.leave[pair], belief.new[pair]))
     return steps, weights[chosen] / weights[chosen].sum()

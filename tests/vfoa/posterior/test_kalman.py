@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 
 from vfoa.posterior import kalman
-from vfoa.posterior.kalman import Normal, mixed, pooled, weighed
+from vfoa.posterior.kalman import (
+    ASIDE,
+    DRIFT,
+    REST,
+    Normal,
+    first_error,
+    first_motion,
+    mixed,
+    next_error,
+    next_motion,
+    pooled,
+    weighed,
+)
 from vfoa.posterior.looks import Transition
 
 PARTS, TARGETS, HYPOTHESES = 3, 4, 2
@@ -85,3 +97,23 @@ def test_the_tail_of_a_measurement_is_that_of_students_distribution() -> None:
     for length in (0.5, 1.5, 4.0):
         _, evidence = weighed(still, np.ones((1, 1)), slice(None), np.array([length, 0.0]).reshape(2, 1, 1), 0.5)
         assert evidence.tail == pytest.approx(np.mean(np.hypot(*drawn_offsets) > length), abs=0.005)
+
+
+@pytest.mark.parametrize("dt_s", [0.01, 0.04, 3.0])
+def test_as_long_as_nothing_is_measured_a_look_that_goes_on_keeps_its_spread(dt_s: float) -> None:
+    """What changes in a look comes back to where it was: its variance is that of the beginning at any time."""
+    one, rng = np.ones((TARGETS, HYPOTHESES)), np.random.default_rng(7)
+    goes_on = Transition(slice(None), one / TARGETS, one, one)
+    slow, on_target, aside = (
+        rng.uniform(0.1, 1, HYPOTHESES),
+        rng.uniform(0.1, 1, (TARGETS, 1)),
+        rng.uniform(0.1, 1, one.shape),
+    )
+    first = first_error(0.3, slow, on_target)
+    after = next_error(first, goes_on, slow, on_target, keep=np.exp(-dt_s / 0.8)).state.covariances
+    np.testing.assert_allclose(after, first.state.covariances, rtol=1e-12)
+    np.testing.assert_allclose(after[DRIFT, DRIFT], slow + on_target)
+    still = np.zeros((2, *one.shape))
+    head = next_motion(first_motion(slow, aside), goes_on, still, 0.1, aside, dt_s, lag_s=0.35).covariances
+    np.testing.assert_allclose(head[ASIDE, ASIDE], aside)
+    np.testing.assert_allclose(head[REST, REST], np.broadcast_to(slow, one.shape))
