@@ -9,7 +9,6 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.removed import removed
 
 Model = TypeVar("Model", bound=BaseModel)
 Owners = Callable[[str], Iterable[str]]
@@ -70,8 +69,6 @@ def _sentence(model: type[BaseModel], mistake: Any, table: str, siblings: Iterab
     path = (*([table] if table else []), *location)
     key = ".".join(map(str, path))
     prefix = f"{key}: " if key else ""
-    if kind in ("extra_forbidden", "literal_error") and (gone := removed(path, mistake["input"])):
-        return f"{prefix}found {_short(mistake['input'])}: {gone}"
     if kind == "extra_forbidden":
         if owners and len(location) == 1 and (choices := " or ".join(owners(str(location[0])))):
             return f"unknown key {key!r}; it is a setting of {choices}"

@@ -15,7 +15,6 @@ from harness.cli.run import experiment_of
 from harness.cli.terminal import print_reports, say
 from harness.files.safe_names import vfoa_command
 from vfoa.errors import VfoaError, check_known
-from vfoa.removed import removed
 
 ONLY_HELP = "Measure only this: stages, stereo, realtime, attention or gpu (several times for more)."
 
@@ -60,8 +59,6 @@ def bench(
     from vfoa.onnx import check_provider
 
     for section in only or ():
-        if gone := removed(("bench",), section):
-            raise VfoaError(f"bench: --only: no {section!r}; {gone}")
         check_known(section, SECTIONS, "bench: --only: no")
     check_provider(provider)
     changes = tuple(overrides or ())

@@ -31,7 +31,6 @@ from vfoa.methods import DEFAULT_METHOD, MethodSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
-from vfoa.removed import removed
 from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
 from vfoa.settings import Settings
 from vfoa.validation import parse
@@ -401,13 +400,12 @@ def check_all_used(
             raise VfoaError(f"{where}: defaults.{table}: unknown table; {did_you_mean(table, TABLES)}")
         for key in settings:
             if (table, key) not in used:
-                gone = removed((table, key), settings[key])
                 chosen = [each.choices[table] for each in configurations if table in STAGES]
                 known = {name for choice in chosen if choice for name in type(choice.settings).model_fields}
                 known.update([STAGES[table].key] if table in STAGES else STEPS[table].model_fields)
                 if table == "attention":
                     known.update(*(type(each.attend.attention).model_fields for each in configurations))
-                problem = gone or f"no configuration's {table} has such a setting; {did_you_mean(key, known)}"
+                problem = f"no configuration's {table} has such a setting; {did_you_mean(key, known)}"
                 raise VfoaError(f"{where}: defaults.{table}.{key}: {problem}")
 
 

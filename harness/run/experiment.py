@@ -54,7 +54,6 @@ from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean, located
 from vfoa.methods import DEFAULT_METHOD
 from vfoa.registry import AUTO
-from vfoa.removed import removed
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -88,8 +87,7 @@ def preset_tables(name: str | None, where: str) -> Tables:
             weights = read_fitted(Path(name)).attention.model_dump()["weights"]
         return {"attention": {"method": "logit", "weights": weights}}
     if not isinstance(name, str) or name not in PRESETS:
-        problem = removed(("preset",), name) or did_you_mean(str(name), PRESETS)
-        raise VfoaError(f"{where}: no {name!r}; {problem}")
+        raise VfoaError(f"{where}: no {name!r}; {did_you_mean(str(name), PRESETS)}")
     return PRESETS[name]
 
 

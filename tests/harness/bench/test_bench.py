@@ -205,16 +205,3 @@ def test_a_section_that_is_not_there_is_one_line(
         main()
     assert "did you mean 'realtime'" in capsys.readouterr().err
     assert "realtime" in SECTIONS
-
-
-@pytest.mark.parametrize("section", ["gaze_filter", "memory", "overhead", "posterior", "recording", "segmenter"])
-def test_a_section_that_is_gone_says_what_to_use(
-    section: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert section not in SECTIONS
-    monkeypatch.setattr("sys.argv", ["vfoa", "bench", "--only", section])
-    with pytest.raises(SystemExit):
-        main()
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "gone since 0.1.0; use " in said

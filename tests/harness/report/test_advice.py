@@ -9,7 +9,6 @@ import pytest
 
 from harness.files.folders import names
 from harness.report.advice import NEXT_STEPS, advice
-from harness.report.verdict import MOST_CHARACTERS
 from harness.run.experiment import PRESETS, Experiment, load_experiment
 from harness.score.finished_run import how_to_label
 from harness.score.verdicts import ERROR_TYPES
@@ -122,15 +121,6 @@ def test_without_models_of_gaze_and_head_pose_one_is_advised(tmp_path: Path) -> 
     assert "(--set heads.detector=yunet)" in faces
     with_gaze = advice("no_direction", _plain(_load(str(blind), overrides=("gaze.model=truth",)), "blind"))
     assert faces == with_gaze[0]
-
-
-@pytest.mark.parametrize("recorded", [True, False])
-def test_the_first_step_fits_the_line_of_the_result_whole(recorded: bool, tmp_path: Path) -> None:
-    for name, preset in _experiments(tmp_path):
-        configurations = _plain(_load(name, preset=preset), name)
-        for error_type in ERROR_TYPES:
-            first = advice(error_type, configurations, recorded=recorded)[0]
-            assert len(f"Next: {first}.") <= MOST_CHARACTERS, (name, error_type)
 
 
 @pytest.mark.parametrize("name", MEASURED)

@@ -27,13 +27,6 @@ error_deg = 5.0
 [defaults.gaze]
 model = "none"
 """
-POSTERIOR_CONSTANTS = (
-    *("scale_spread", "unbiased", "bias_deg", "temperature", "smoothed_temperature"),
-    *("facing_s", "below_deg", "head_lag_s", "head_evidence", "about_head_deg"),
-    *("bias_share", "bias_s", "tails", "evidence", "head_share", "aside_deg", "rest_deg", "nowhere_deg"),
-    *("p_nowhere", "nowhere_looks", "dwell_s", "dwell_looks"),
-)
-"""Settings of the posterior that are constants now."""
 
 
 def _write(folder: Path, text: str) -> str:
@@ -140,14 +133,14 @@ def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:
         (HEAD.replace('clips = ["one", "two"]', ""), r"clips: .*found none"),
         (HEAD.replace("clips", "clip"), r"'clip'.*'clips'"),
         (HEAD + "[[configuration]]\nstereo.matcher = 'bm'\n", r"number 1: expected a name"),
-        (HEAD + 2 * "[[configuration]]\nname = 'a'\n", r"number 2: the name 'a' occurs twice"),
+        (HEAD + 2 * "[[configuration]]\nname = 'a'\n", r"configuration 'a': expected another name beside 'a'"),
         (HEAD + "[[configuration]]\nname = '../a'\n", r"expected a name of letters"),
         (HEAD + "[[configuration]]\nname = 'a.seed2'\n", r"'a\.seed2': expected no name of a seed"),
         (HEAD + "[[configuration]]\nname = 'a'\n[[configuration]]\nname = 'a+gaze'\n", r"'a\+gaze': .* beside 'a'"),
         (HEAD + "[[configuration]]\nname = 'a'\n[[configuration]]\nname = 'a.scene'\n", r"'a\.scene': .* beside 'a'"),
         (HEAD + "[[configuration]]\nname = 'Ab'\n[[configuration]]\nname = 'aB'\n", r"'aB': .* beside 'Ab'"),
         (HEAD + "[[configuration]]\nname = 'a.Scene'\n[[configuration]]\nname = 'A'\n", r"'a\.Scene': .* beside 'A'"),
-        (HEAD + "[grid]\n'attention.n_rays' = [4, 8, 4]\n", r"grid: two combinations are called '4'"),
+        (HEAD + "[grid]\n'attention.n_rays' = [4, 8, 4]\n", r"configuration '4': expected another name beside '4'"),
         ('clips = ["one"]\n[[configuration]]\nname = "a"\nstereo.p1 = 1\n', r"stereo\.matcher: missing; .*stereo\.p1"),
         ("clips = [", r"not TOML"),
         ('preset = "gone.toml"\n' + HEAD, r"mine\.toml: preset: .*gone\.toml: no such file"),
@@ -213,64 +206,6 @@ def test_the_method_of_attention_decides_which_settings_are_known():
     assert {methods[name] for name in ("nearest", "wrong_nearest")} == {"nearest"}
     with pytest.raises(VfoaError, match=r"attention.*p_nowhere"):
         load_experiment("demo", overrides=("attention.p_nowhere=0.2",))
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            HEAD + '[[configuration]]\nname = "one"\nattention = { method = "bayes", smoothing = "viterbi" }\n',
-            r"mine\.toml: .*attention\.smoothing: found 'viterbi': .*gone since 0\.1\.0; use 'both'",
-        ),
-        (
-            HEAD.replace("min_depth_m = 0.8", 'search = "full"'),
-            r"mine\.toml: defaults\.stereo\.search: .*gone since 0\.1\.0; use stereo\.resolution = 'half'",
-        ),
-        (
-            HEAD + "[grid]\n'stereo.guided_uniqueness_percent' = [10]\n",
-            r"mine\.toml: .*stereo\.guided_uniqueness_percent: found 10: .*gone since 0\.1\.0; use stereo\.uniq",
-        ),
-        (
-            HEAD + '[[configuration]]\nname = "one"\nsegmentation.delay = 3\n',
-            r"mine\.toml: .*segmentation\.delay: found 3: .*gone since 0\.1\.0; .*segmentation\.every",
-        ),
-        ('preset = "guided"\n' + HEAD, r"mine\.toml: preset: no 'guided'; .*gone since 0\.1\.0; use 'realtime'"),
-    ],
-)
-def test_a_setting_that_is_gone_says_since_when_and_what_to_use(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(VfoaError, match=message):
-        load_experiment(_write(tmp_path, text))
-
-
-@pytest.mark.parametrize(
-    ("table", "chosen", "key", "value"),
-    [
-        *(("attention", "method = 'bayes'", key, "1.5") for key in POSTERIOR_CONSTANTS),
-        *(("drawn", "targets = true", key, "1.5") for key in ("depth_share", "size_share", "point_radius_px")),
-        ("gaze", "model = 'adas_0002'", "eye_side", "0.8"),
-        ("gaze", "model = 'adas_0002'", "most_turned_deg", "50.0"),
-        ("heads", "detector = 'yunet'", "nms_iou", "0.4"),
-        ("segmentation", "model = 'yolo_seg', weights = 'mine.onnx'", "nms_iou", "0.4"),
-        ("stereo", "matcher = 'files', root = 'mine'", "counts_per_px", "16.0"),
-        ("attention", "method = 'bayes'", "cues", "'gaze'"),
-        ("attention", "method = 'bayes'", "surface", "'box'"),
-        ("attention", "method = 'bayes'", "faces", "False"),
-        ("attention", "method = 'bayes'", "directions", "64"),
-        ("attention", "method = 'logit'", "frame_rate_hz", "50"),
-        ("attention", "method = 'bayes'", "gain", "0.8"),
-        ("head_pose", "model = 'fsanet'", "needs_face", "False"),
-        ("heads", "detector = 'yunet'", "fallback", "'none'"),
-        ("attention", "method = 'cones'", "occlusion", "'first_hit'"),
-        ("attention", "method = 'bayes'", "occlusion", "'first_hit'"),
-        ("gaze", "model = 'adas_0002'", "head_pose", "'stage'"),
-        ("gaze", "model = 'adas_0002'", "landmarks", "'own'"),
-        ("gaze", "model = 'adas_0002'", "landmarks_weights", "'mine.onnx'"),
-    ],
-)
-def test_every_setting_that_is_gone_says_so(tmp_path: Path, table: str, chosen: str, key: str, value: str) -> None:
-    text = f"{HEAD}[[configuration]]\nname = 'one'\n{table} = {{ {chosen}, {key} = {value.lower()} }}\n"
-    with pytest.raises(VfoaError, match=rf"mine\.toml: .*{table}\.{key}: found {value}"):
-        load_experiment(_write(tmp_path, text))
 
 
 def test_a_preset_stands_between_the_defaults_and_what_a_configuration_says(tmp_path: Path) -> None:
