@@ -66,19 +66,9 @@ def _gpu(bench: Bench) -> list[Table]:
 
 
 def _attention(bench: Bench) -> list[Table]:
-    from harness.bench.attention import (
-        SIZES,
-        attention_table,
-        methods_table,
-        scenes_of,
-        seeded_scenes,
-        time_attention,
-        time_methods,
-    )
+    from harness.bench.attention import SIZES, methods_table, scenes_of, seeded_scenes, time_methods
     from harness.run.plan import drawn_on
 
-    sizes = [((10.0,), 1), ((10.0, 25.0), 3)]
-    timings = [time_attention(cones_cm=cones, boxes=20, subjects=people) for cones, people in sizes]
     drawn = drawn_on(bench.manifest, bench.manifest.open().frames, bench.experiment)
     seeded = {
         f"{boxes} boxes, {count} {'person' if count == 1 else 'people'}": seeded_scenes(boxes=boxes, subjects=count)
@@ -88,7 +78,7 @@ def _attention(bench: Bench) -> list[Table]:
         **seeded,
         bench.manifest.name: scenes_of(bench.manifest, bench.experiment.configurations[0], bench.frames, drawn),
     }
-    return [attention_table(timings), methods_table(time_methods(material))]
+    return [methods_table(time_methods(material))]
 
 
 SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {

@@ -1,4 +1,4 @@
-"""Attention ray by ray and box by box in plain Python: the baseline of the benchmark, and the reference of its test.
+"""Attention ray by ray and box by box in plain Python: what cones must give, too.
 
 Written from the equations in :mod:`vfoa.cones`, without using its code, one number at a time, without numpy.
 """
