@@ -10,7 +10,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike
 
-_TYPES = {"float16": "f16", "float32": "f32", "int32": "i32", "int64": "i64", "uint64": "u64"}
+_TYPES = {"float16": "f16", "int64": "i64", "uint64": "u64"}
 
 
 @dataclass

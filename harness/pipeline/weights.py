@@ -9,10 +9,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from harness.files.digests import file_digest
 from harness.files.io import atomic_write
@@ -65,15 +65,6 @@ class CatalogueEntry(Settings):
     integers: tuple[str, ...] = ()
     by_position: bool = False
     sizes: Mapping[str, int] = Field(default_factory=dict)
-
-    @model_validator(mode="after")
-    def _check_what_is_fetched(self) -> Self:
-        if self.address is not None and self.sha256 is None:
-            raise ValueError("address: expected sha256 beside it: without one, a login page would pass for the model")
-        for key, is_converted in (("openvino", self.openvino), ("checkpoint", self.checkpoint)):
-            if is_converted and (self.address is not None or self.sha256 is None):
-                raise ValueError(f"{key}: expected sha256 of the conversion beside it, and no address")
-        return self
 
     @property
     def can_be_fetched(self) -> bool:

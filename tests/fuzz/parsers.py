@@ -202,9 +202,6 @@ PARSERS: Sequence[Parser] = (
         names_file=False,
     ),
     Parser("rendered geometry", "truth.bin", states.write_geometry, states.load_rendered_geometry, names_file=False),
-    # Networks
-    Parser("OpenVINO network", "small.xml", states.write_network, states.convert_layers),
-    Parser("OpenVINO constants", "small.bin", states.write_network_constants, states.convert_constants),
     # Tables
     Parser("signal table", "gaze.csv", whole.SIGNALS, _signals),
     Parser("heads table", "heads.csv", whole.HEADS, lambda path: read_heads(path, PlainClip())),

@@ -20,7 +20,6 @@ from harness.labels.formats.pupil_cloud import PupilCloud
 from harness.labels.labels import Timeline, timeline_of
 from harness.pipeline.cache import StageIdentity, StoredOutputs, difference
 from harness.pipeline.cache_store import Store, encode
-from harness.pipeline.openvino_ir import convert
 from harness.pipeline.stage_files.coco_panoptic import CocoPanoptic, CocoPanopticSettings
 from harness.pipeline.stage_files.directions import FileGaze, FileGazeSettings
 from harness.pipeline.stage_files.heads import read_heads
@@ -48,7 +47,6 @@ from tests.exchanges import PlainClip, exchange
 from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, shared, show
 from tests.measured import idiap_file, measured_tables, open_measured, openface_file, pose
-from tests.openvino import affine
 from tests.records import labels, score
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity, Head, Instance, Instances
@@ -382,26 +380,3 @@ def read_orbbec_profile(path: Path) -> Any:
     data, where = path.read_bytes(), str(path)
     with messages.reading(type_, where):
         return messages.camera(type_, data, where), orbbec.colour_from_depth(data, where)
-
-
-# Networks
-
-
-def write_network(path: Path) -> None:
-    """Write the layers of a small network in OpenVINO's format."""
-    affine().write(path)
-
-
-def write_network_constants(path: Path) -> None:
-    """Write the constants of a small network in OpenVINO's format."""
-    affine().write(path.with_suffix(".xml"))
-
-
-def convert_layers(path: Path) -> Any:
-    """Convert a network of these layers, and whole constants."""
-    return convert(path, once(path, lambda folder: write_network(folder / "small.xml")) / "small.bin")
-
-
-def convert_constants(path: Path) -> Any:
-    """Convert a network of whole layers, and these constants."""
-    return convert(once(path, lambda folder: write_network(folder / "small.xml")) / "small.xml", path)

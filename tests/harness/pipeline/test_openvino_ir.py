@@ -198,30 +198,3 @@ def test_layers_of_images(tmp_path: Path) -> None:
     expected = [[(rows[y : y + 2, x : x + 2] * [[0, 1], [2, 3]]).sum() for x in (0, 2)] for y in (0, 2, 4)]
     np.testing.assert_array_equal(outputs[f"Convolution {conv}"][0, 0], expected)
     np.testing.assert_array_equal(outputs["pooled"][0, 0], [[10, 11], [14, 15]])
-
-
-@pytest.mark.parametrize(
-    ("kind", "attributes", "problem"),
-    [
-        ("HSwish", {}, r"unknown kind .*Add, Concat"),
-        ("ReLU", {"auto_broadcast": "none"}, "auto_broadcast: found 'none'"),
-        ("Concat", {"axis": "one"}, r"axis: found 'one'; expected integers"),
-        ("MatMul", {"transpose_b": "maybe"}, "transpose_b: found 'maybe'"),
-        ("Convert", {"destination_type": "f16"}, r"input 0: .*computed"),
-        ("StridedSlice", {"shrink_axis_mask": "1"}, "shrink_axis_mask: found '1'"),
-    ],
-)
-def test_a_layer_that_cannot_be_converted_is_named(
-    tmp_path: Path, kind: str, attributes: dict[str, str], problem: str
-) -> None:
-    ir = Ir()
-    ir.layer("Result", ir.layer(kind, ir.parameter("values", 1, 3), shape=(1, 3), name="odd", **attributes))
-    with pytest.raises(VfoaError, match=rf"odd\.xml: .*'odd' \({kind}\): {problem}"):
-        convert(*ir.write(tmp_path / "odd.xml"))
-
-
-def test_a_file_of_constants_that_was_cut_is_named(tmp_path: Path) -> None:
-    layers, constants = affine().write(tmp_path / "small.xml")
-    constants.write_bytes(constants.read_bytes()[:-1])
-    with pytest.raises(VfoaError, match=r"small\.bin is truncated: found 7 bytes.*8"):
-        convert(layers, constants)

@@ -134,39 +134,15 @@ def test_the_output_is_the_pose_in_its_own_units(tmp_path: Path, torch: ModuleTy
     assert pose[0, 11] == pytest.approx(-66.67158 + 11 * 20.80304)
 
 
-def test_an_array_that_is_missing_is_named(tmp_path: Path, torch: ModuleType) -> None:
-    arrays = small()
-    del arrays["module.dw4_1.bn_sep.bias"]
-    path = checkpoint(tmp_path / "other.pth", arrays, torch)
-    with pytest.raises(VfoaError, match=r"other\.pth: .*'module\.dw4_1\.bn_sep"):
-        convert(path)
-
-
 class Evil:
     def __reduce__(self) -> tuple[Any, tuple[str]]:
         return exec, ("raise SystemExit('a checkpoint ran code')",)
 
 
-@pytest.mark.parametrize(
-    ("content", "found"),
-    [
-        (pickle.dumps(Evil()), r"found builtins\.exec"),
-        (b"", "Ran out of input"),
-        (b"<html>a login page</html>", "invalid load key"),
-        (pickle.dumps(1) + pickle.dumps(2) + pickle.dumps({"little_endian": True}), "another magic number"),
-    ],
-)
-def test_what_is_no_checkpoint_is_one_clear_line_and_runs_nothing(tmp_path: Path, content: bytes, found: str) -> None:
-    (tmp_path / "other.pth").write_bytes(content)
-    with pytest.raises(VfoaError, match=rf"other\.pth: .*checkpoint.*{found}"):
+def test_a_checkpoint_runs_nothing(tmp_path: Path) -> None:
+    (tmp_path / "other.pth").write_bytes(pickle.dumps(Evil()))
+    with pytest.raises(pickle.UnpicklingError, match=r"found builtins\.exec"):
         convert(tmp_path / "other.pth")
-
-
-def test_a_cut_checkpoint_is_one_clear_line(tmp_path: Path, torch: ModuleType) -> None:
-    path = checkpoint(tmp_path / "cut.pth", small(), torch)
-    path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(VfoaError, match=r"cut\.pth: not a checkpoint"):
-        convert(path)
 
 
 # The published checkpoint
