@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from harness.score.looks import joined
 from harness.score.statistics import LEVEL, NO_INTERVAL, REPLICATES, SIGNIFICANCE, Interval, sign_flip_interval
 from vfoa.errors import VfoaError
-from vfoa.types import Codes, Float
+from vfoa.types import Codes, Flags, Float
 
 LEAST_CLIPS = 6
 """Fewest clips for intervals and tests about other clips: with fewer, a sign flip cannot reach p < .05."""
@@ -105,7 +105,24 @@ def rate_interval(units: Units) -> Interval:
     if (ends := _resampled(units)) is None or share in (0.0, 1.0):
         low, high = _clopper_pearson(share, _effective(units))
         return _interval(units, low, high)
-    return _interval(units, *ends)
+    low, high = ends
+    return _interval(units, max(low, 0.0), min(high, 1.0))
+
+
+def balanced_values(correct: Flags, nowhere: Flags) -> Float:
+    """Return what each frame (n,) adds to the balanced FRR: values whose mean it is, and whose spread is its spread.
+
+    The balanced FRR b is the mean of two ratios, the rates r of the frames with a target and of those with nowhere
+    (``nowhere``). Their errors are, to the first order, sums over frames (Taylor linearization; Särndal, Swensson and
+    Wretman, Model Assisted Survey Sampling, 1992, section 5.7): a right one adds b + (1 - r) n / 2m, a wrong one
+    b - r n / 2m, where m of the n frames are of its kind. With frames of one kind these are 1 and 0.
+    """
+    kinds = [kind for kind in (~nowhere, nowhere) if kind.any()]
+    rates = [correct[kind].mean() for kind in kinds]
+    values = np.full(len(correct), np.mean(rates))
+    for kind, rate in zip(kinds, rates, strict=True):
+        values[kind] += (correct[kind] - rate) * len(correct) / (len(kinds) * np.count_nonzero(kind))
+    return values
 
 
 def difference_interval(units: Units, alpha: float = SIGNIFICANCE) -> Interval:

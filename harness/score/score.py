@@ -24,13 +24,13 @@ from harness.run.notes import Note
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.calibration import DirectionCheck, direction_checks, misfit_notes
 from harness.score.doubts import data_notes
-from harness.score.intervals import ScoredFrames, Units, rate_interval
+from harness.score.intervals import LEAST_UNITS, ScoredFrames, Units, balanced_values, rate_interval
 from harness.score.judged_subjects import JudgedSubject, judged_subjects
 from harness.score.looks import MatchCounts, count_events
 from harness.score.metrics import Metric, load_metrics
 from harness.score.mistaken_labels import label_notes
 from harness.score.reference import Reference
-from harness.score.statistics import SIGNIFICANCE, Interval, sign_flip_p, wilson_interval
+from harness.score.statistics import NO_INTERVAL, SIGNIFICANCE, Interval, sign_flip_p, wilson_interval
 from harness.score.verdict_columns import PairVerdicts, judge_columns
 from harness.score.verdicts import ERROR_TYPES, PLAIN, Verdict
 from vfoa.types import Flags, Float
@@ -46,7 +46,8 @@ class ScoreRow:
     ``clip`` is None for all clips, ``subject`` None for all subjects. ``n`` counts frames, ``looks`` and ``clips``
     their looks and clips. ``predicted`` counts the frames with an answer, ``predicted_correct`` the right ones of
     these, ``no_hit`` the frames in which nothing got any attention. ``interval`` is that of the rate by clips or looks
-    (see :mod:`harness.score.intervals`); ``wilson`` would hold if frames were independent. ``metrics`` are the values
+    (see :mod:`harness.score.intervals`), ``balanced_interval`` that of the balanced FRR; ``wilson`` would hold for the
+    rate if frames were independent. ``metrics`` are the values
     of :mod:`harness.score.metrics` by name, NaN without a value. ``nowhere`` counts the frames in which "looks at
     nothing" is true, said, and both; None for a method that cannot say it. ``visible`` and ``visible_correct`` count
     the frames whose line of sight no label calls blocked. ``baselines`` are the rates of
@@ -68,6 +69,7 @@ class ScoreRow:
     predicted_correct: int
     no_hit: int
     interval: Interval
+    balanced_interval: Interval
     wilson: Interval
     metrics: Mapping[str, float]
     events: MatchCounts
@@ -298,6 +300,7 @@ def _row(
     answered = (column("predicted") >= 0) & ~no_hit
     error_types = sum((Counter(of_subject.error_types) for of_subject in group), Counter[str]())
     units = _units_of(group, [of_subject.correct for of_subject in group])
+    interval = rate_interval(units)
     best = _best_baseline(group)
     return ScoreRow(
         clip=clip,
@@ -310,7 +313,8 @@ def _row(
         predicted=_count(answered),
         predicted_correct=_count(answered & correct),
         no_hit=_count(no_hit),
-        interval=rate_interval(units),
+        interval=interval,
+        balanced_interval=_balanced_interval(group, correct, nowhere, interval),
         wilson=wilson_interval(_count(correct), len(correct)),
         metrics={name: float(metric(group)) for name, metric in metrics.items()},
         events=count_events((of_subject.truth, of_subject.predicted, of_subject.positions) for of_subject in group),
@@ -324,6 +328,20 @@ def _row(
         error_types={error_type: error_types[error_type] for error_type in ERROR_TYPES},
         seed_rates=_seed_rates(group),
     )
+
+
+def _balanced_interval(group: Sequence[JudgedSubject], correct: Flags, nowhere: Flags, interval: Interval) -> Interval:
+    """The interval of the balanced FRR; ``interval``, that of the FRR, if all frames have a target, or none has.
+
+    Unknown if too few units hold frames with a target, or frames without one.
+    """
+    if nowhere.all() or not nowhere.any():
+        return interval
+    held = _units_of(group, [of_subject.nowhere for of_subject in group]).merged()
+    if min(np.count_nonzero(held.values), np.count_nonzero(held.frames - held.values)) < LEAST_UNITS:
+        return NO_INTERVAL
+    ends = np.cumsum([len(of_subject.correct) for of_subject in group])[:-1]
+    return rate_interval(_units_of(group, np.split(balanced_values(correct, nowhere), ends)))
 
 
 def _seed_rates(group: list[JudgedSubject]) -> tuple[float, ...]:

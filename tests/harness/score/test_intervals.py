@@ -16,6 +16,7 @@ from hypothesis.extra import numpy as hnp
 from harness.score.comparison import Spread, clips_needed, detectable_difference
 from harness.score.intervals import (
     Units,
+    balanced_values,
     degrees_of_freedom,
     difference_interval,
     expanded_percentiles,
@@ -54,6 +55,29 @@ def test_the_standard_error_is_that_of_a_clustered_regression(seed: int) -> None
     assert units.rate == pytest.approx(fit.params[0], abs=1e-12)
     assert standard_error(units) == pytest.approx(fit.bse[0], rel=1e-9)
     assert degrees_of_freedom(units) == fit.df_resid_inference == units.n_clips - 1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_spread_of_the_balanced_rate_is_that_of_a_clustered_regression(seed: int) -> None:
+    """Of the mean of two coefficients: the rates of the frames with a target, and of those without."""
+    import statsmodels.api as sm
+
+    rng = np.random.default_rng(seed)
+    clips = np.repeat(np.arange(8), rng.integers(40, 120, 8))
+    nowhere = rng.random(len(clips)) < rng.beta(2, 3, 8)[clips]
+    correct = rng.random(len(clips)) < np.where(nowhere, 0.9, rng.beta(3, 3, 8)[clips])
+    fit = sm.OLS(correct.astype(float), np.column_stack([~nowhere, nowhere]).astype(float)).fit(
+        cov_type="cluster", cov_kwds={"groups": clips, "use_correction": False}
+    )
+    expected = fit.t_test([0.5, 0.5])
+    values = balanced_values(correct, nowhere)
+    frames, sums = np.bincount(clips).astype(np.float64), np.bincount(clips, values)
+    units = Units(clips=np.arange(8), frames=frames, values=sums)
+    assert units.rate == pytest.approx(expected.effect[0], abs=1e-12)
+    assert standard_error(units) * math.sqrt(7 / 8) == pytest.approx(expected.sd[0, 0], rel=1e-9)
+    interval = rate_interval(units)
+    assert interval.low < units.rate < interval.high
+    np.testing.assert_allclose(balanced_values(correct, np.zeros_like(nowhere)), correct, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(4))

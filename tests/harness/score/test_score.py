@@ -240,6 +240,26 @@ def test_from_six_clips_on_an_interval_speaks_of_clips() -> None:
     assert (rows(5).interval.unit, rows(6).interval.unit) == ("look", "clip")
 
 
+def test_the_interval_of_the_balanced_rate_needs_units_of_both_kinds() -> None:
+    def row(clips_with_none: int) -> ScoreRow:
+        names = [f"clip {k}" for k in range(9)]
+        said = {name: ["cup"] * (6 + k % 3) + ["can"] * (k % 4) for k, name in enumerate(names)}
+        true = {name: ["cup"] * len(each) for name, each in said.items()}
+        for k, name in enumerate(names[:clips_with_none]):
+            said[name] += ["none"] * 5 + ["cup"] * (k % 3)
+            true[name] += ["none"] * (5 + k % 3)
+        records = [record for name in names for record in answers(said[name], clip=name)]
+        truth = {name: labels(*each) for name, each in true.items()}
+        return _row(score(records, Reference(labels=truth)), clip=None)
+
+    both = row(9)
+    assert both.balanced_interval.low < both.metrics["balanced_frr"] < both.balanced_interval.high
+    assert both.balanced_interval.unit == "clip"
+    assert both.balanced_interval != both.interval
+    assert math.isnan(row(5).balanced_interval.low)
+    assert row(0).balanced_interval == row(0).interval
+
+
 def test_nothing_hit_is_counted_apart_from_answers() -> None:
     said = ["cup", "none", "none", None]
     row = _row(score(answers(said), Reference(labels={"clip": labels("cup", "cup", "none", "cup")})))
