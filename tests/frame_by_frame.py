@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from harness.labels.labels import IGNORED, NOWHERE, Label
 from harness.run.manifest import AnswerTraits
-from harness.run.records import FrameRecord, SubjectRecord
-from harness.score.baselines import Choices, choose_among
+from harness.run.records import BoxPx, FrameRecord, SubjectRecord
+from harness.score.baselines import COSINE, SHARE, angle_rad
 from harness.score.reference import Reference
 from harness.score.verdict_columns import COMPARED_EVERY
 from harness.score.verdicts import (
@@ -31,6 +31,19 @@ from vfoa.scoring import NO_HIT
 from vfoa.types import DirectionFit
 
 NO_HITS = (False,) * 4
+
+
+class Choices(NamedTuple):
+    """The instance that each baseline picks in a frame; None if it cannot pick.
+
+    ``angle_rad`` is between the direction and the pick of ``in_angle``; NaN without a pick.
+    """
+
+    nearest: int | None = None
+    largest: int | None = None
+    central: int | None = None
+    in_angle: int | None = None
+    angle_rad: float = math.nan
 
 
 class Judgement(NamedTuple):
@@ -224,9 +237,30 @@ def choose(record: FrameRecord, subject: SubjectRecord | None) -> Choices:
     """Apply the baselines to a subject of a frame. Ties go to the lower instance id."""
     if subject is None:
         return Choices()
-    others = [
-        (target.instance_id, None if target.box is None else target.box.center_m, target.box_px)
-        for target in record.targets
-        if target.instance_id != subject.instance_id
-    ]
-    return choose_among(others, subject.eye_origin_m, subject.gaze or subject.head)
+    others = [target for target in record.targets if target.instance_id != subject.instance_id]
+    centers = {target.instance_id: target.box.center_m for target in others if target.box is not None}
+    eyes, direction = subject.eye_origin_m, subject.gaze or subject.head
+    angles = {
+        number: angle_rad(direction, eyes, center)
+        for number, center in centers.items()
+        if eyes is not None and direction is not None
+    }
+    in_angle = _least({number: -math.cos(angle) for number, angle in angles.items()}, margin=COSINE)
+    return Choices(
+        nearest=_least({n: math.dist(center, eyes) for n, center in centers.items() if eyes is not None}, share=SHARE),
+        largest=_least({each.instance_id: -_area_px(each.box_px) for each in others if each.box_px is not None}),
+        central=_least({n: -at[2] / (math.hypot(*at) or math.inf) for n, at in centers.items()}, margin=COSINE),
+        in_angle=in_angle,
+        angle_rad=math.nan if in_angle is None else angles[in_angle],
+    )
+
+
+def _least(values: Mapping[int, float], *, share: float = 0.0, margin: float = 0.0) -> int | None:
+    """The lowest key of the least value and of those that are equal to it but for rounding."""
+    least = min(values.values(), default=math.nan)
+    return min((key for key, value in values.items() if value <= least + abs(least) * share + margin), default=None)
+
+
+def _area_px(box_px: BoxPx) -> float:
+    u0, v0, u1, v1 = box_px
+    return (u1 - u0) * (v1 - v0)

@@ -21,13 +21,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.run.columns import NO_ID, UNKNOWN, LookColumns, SceneColumns
-from harness.run.records import BoxPx, Vector
 from vfoa.types import Codes, Flags, Float
 
 BASELINES = {
@@ -41,50 +39,6 @@ BASELINES = {
 """Each baseline, in order, with its answer in words."""
 SEES_LABELS = frozenset({"constant"})
 """Those that have seen the labels that they are scored on."""
-
-
-NO_PICK = (math.nan, None)
-
-
-class Choices(NamedTuple):
-    """The instance that each baseline picks in a frame; None if it cannot pick.
-
-    ``angle_rad`` is between the direction and the pick of ``in_angle``; NaN without a pick.
-    """
-
-    nearest: int | None = None
-    largest: int | None = None
-    central: int | None = None
-    in_angle: int | None = None
-    angle_rad: float = math.nan
-
-
-def choose_among(
-    others: Sequence[tuple[int, Vector | None, BoxPx | None]], eyes: Vector | None, direction: Vector | None
-) -> Choices:
-    """Apply the baselines to a person and the objects of a frame.
-
-    Parameters
-    ----------
-    others
-        The instance id, the centre of the 3D box and the box in the image of each object but the person's body.
-    """
-    centers = [(center, number) for number, center, _ in others if center is not None]
-    areas = [(-_area_px(box_px), number) for number, _, box_px in others if box_px is not None]
-    near = [] if eyes is None else [(math.dist(center, eyes), number) for center, number in centers]
-    ahead = (
-        []
-        if eyes is None or direction is None
-        else [(angle_rad(direction, eyes, center), number) for center, number in centers]
-    )
-    smallest_rad, in_angle = min(ahead, default=NO_PICK)
-    return Choices(
-        nearest=min(near, default=NO_PICK)[1],
-        largest=min(areas, default=NO_PICK)[1],
-        central=min(((_off_axis(center), number) for center, number in centers), default=NO_PICK)[1],
-        in_angle=in_angle,
-        angle_rad=smallest_rad,
-    )
 
 
 def best_limit_rad(angles_rad: Float, hits: Flags, nowhere: Flags) -> float:
@@ -111,25 +65,12 @@ def commonest(counts: Mapping[str, int]) -> str | None:
     return min(counts, key=lambda name: (-counts[name], name), default=None)
 
 
-def _area_px(box_px: BoxPx) -> float:
-    u0, v0, u1, v1 = box_px
-    return (u1 - u0) * (v1 - v0)
-
-
 def angle_rad(direction: Sequence[float], eyes: Sequence[float], center: Sequence[float]) -> float:
     """The angle between a direction and the way from the eyes to a centre, in radians."""
     towards = [end - start for end, start in zip(center, eyes, strict=True)]
     length = math.hypot(*towards) * math.hypot(*direction)
     cosine = sum(a * b for a, b in zip(direction, towards, strict=True)) / length if length else 1.0
     return math.acos(max(-1.0, min(1.0, cosine)))
-
-
-def _off_axis(center_m: Vector) -> float:
-    """Minus the cosine of the angle between a point and the camera's axis; it grows with the angle."""
-    return -center_m[2] / (math.hypot(*center_m) or math.inf)
-
-
-# What each baseline picks for every person of a clip, as choose_among does for one
 
 
 class View:
@@ -149,7 +90,8 @@ class View:
 class Picks:
     """What each baseline picks for each of P people: the place among the instances of the frame, UNKNOWN for none.
 
-    ``picks`` (P, 4) are in the order of :class:`Choices`; ``angles_rad`` (P,) as there.
+    ``picks`` (P, 4) are of ``nearest``, ``largest``, ``central`` and ``nearest_in_angle``; ``angles_rad`` (P,) are
+    between the direction and the last one, NaN without it.
     """
 
     def __init__(self, scene: SceneColumns, looks: LookColumns) -> None:
@@ -160,16 +102,15 @@ class Picks:
         far = _norm(view.centers_m)
         u0, v0, u1, v1 = np.moveaxis(view.boxes_px, -1, 0)
         off_axis = -view.centers_m[..., 2] / np.where(far == 0, np.inf, far)
-        picks, is_tie = zip(
-            _least(_norm(towards), is_other, view.ids, share=_SHARE),
-            _least(-(u1 - u0) * (v1 - v0), is_other, view.ids),
-            _least(off_axis, is_other, view.ids, margin=_COSINE),
-            _least(-_cosine(self.directions[:, None], towards), is_other, view.ids, margin=_COSINE),
-            strict=True,
+        self.picks = np.stack(
+            [
+                _least(_norm(towards), is_other, view.ids, share=SHARE),
+                _least(-(u1 - u0) * (v1 - v0), is_other, view.ids),
+                _least(off_axis, is_other, view.ids, margin=COSINE),
+                _least(-_cosine(self.directions[:, None], towards), is_other, view.ids, margin=COSINE),
+            ],
+            axis=1,
         )
-        self.picks = np.stack(picks, axis=1)
-        for row in np.flatnonzero(np.any(is_tie, axis=0)).tolist():  # decided as for one frame, to the last bit
-            self.picks[row] = _chosen(view, looks, self.directions, row, np.flatnonzero(is_other[row]))
         self.angles_rad = np.full(len(self.picks), np.nan)
         known = np.flatnonzero(self.picks[:, 3] != UNKNOWN)
         directions, eyes, centers = (
@@ -183,7 +124,7 @@ class Picks:
 view_of = lru_cache(maxsize=4)(View)
 picks_of = lru_cache(maxsize=4)(Picks)
 
-_SHARE, _COSINE = 1e-9, 1e-12
+SHARE, COSINE = 1e-9, 1e-12
 """Distances that differ by a smaller share, and cosines by less, are equal but for rounding."""
 
 
@@ -199,32 +140,14 @@ def _cosine(directions: Float, towards: Float) -> Float:
     return np.where(lengths == 0, 1.0, cosines).clip(-1, 1)
 
 
-def _least(
-    values: Float, is_other: Flags, ids: NDArray[np.int64], *, share: float = 0.0, margin: float = 0.0
-) -> tuple[Codes, Flags]:
+def _least(values: Float, is_other: Flags, ids: NDArray[np.int64], *, share: float = 0.0, margin: float = 0.0) -> Codes:
     """The place of the least known value in each row, of equal ones that of the lower id; UNKNOWN without one.
 
-    And whether rounding decides: another one is larger by at most this share of it and this margin.
+    Those are equal that are larger by at most this share of it and this margin.
     """
     known = np.where(is_other & ~np.isnan(values), values, np.inf)
     least = known.min(axis=1, keepdims=True)
-    is_found = least[:, 0] < np.inf
-    least[~is_found] = 0
-    places = np.where(known == least, ids, np.iinfo(np.int64).max).argmin(axis=1)
-    as_small = known <= least + np.abs(least) * share + margin
-    return np.where(is_found, places, UNKNOWN), (as_small.sum(axis=1) > 1) & (share + margin > 0)
-
-
-def _chosen(view: View, looks: LookColumns, directions: Float, row: int, others: Codes) -> list[int]:
-    """The positions, among the targets of a frame, that the baselines pick for one person."""
-    ids = view.ids[row].tolist()
-    things = [
-        (ids[place], _known(view.centers_m[row, place]), _known(view.boxes_px[row, place])) for place in others.tolist()
-    ]
-    picks = choose_among(things, _known(looks.eyes_m[row]), _known(directions[row]))[:4]
-    return [UNKNOWN if pick is None else ids.index(pick) for pick in picks]
-
-
-def _known(values: Float) -> Any:
-    """A vector as plain numbers; None if it is not known."""
-    return None if np.isnan(values[0]) else tuple(values.tolist())
+    least[np.isinf(least)] = 0
+    is_least = known <= least + np.abs(least) * share + margin
+    places = np.where(is_least, ids, np.iinfo(np.int64).max).argmin(axis=1)
+    return np.where(is_least.any(axis=1), places, UNKNOWN)

@@ -37,7 +37,7 @@ from vfoa.types import Attention, Flags, Float, Scene, Subject
 _CONES = ConesSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
 
-Names = Mapping[int | None, str]
+Names = Mapping[int, str]
 """The name of each instance of a frame, by its id."""
 
 ScoredAnswer = tuple[bool, float, float]

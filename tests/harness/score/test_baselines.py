@@ -6,8 +6,12 @@ from math import acos, inf, nan, sqrt
 import numpy as np
 import pytest
 
-from harness.score.baselines import Choices, best_limit_rad, commonest
-from tests.frame_by_frame import choose
+from harness.run.columns import UNKNOWN, Words
+from harness.run.records import FrameRecord, SubjectRecord
+from harness.score.baselines import best_limit_rad, commonest, picks_of, view_of
+from tests import frame_by_frame
+from tests.frame_by_frame import Choices
+from tests.record_tables import columns_of
 from tests.records import frame_record, subject_record, target_record
 
 NEAR = target_record(1, "near", center=(1.0, 0.0, 1.2), box_px=(0, 0, 10, 10))
@@ -16,6 +20,17 @@ CENTRAL = target_record(3, "central", center=(0.1, 0.0, 6.0), box_px=(0, 0, 20, 
 FLAT = target_record(4, "flat", center=None, box_px=(0, 0, 40, 40))
 RECORD = frame_record([NEAR, LARGE, CENTRAL, FLAT])
 GIRL = subject_record("girl", eyes=(1.0, 0.0, 1.0))
+
+
+def choose(record: FrameRecord, subject: SubjectRecord | None) -> Choices:
+    """What each baseline picks for one person of a frame, in columns and alone."""
+    alone = frame_by_frame.choose(record, subject)
+    if subject is not None and record.targets:
+        columns = columns_of([replace(record, subjects=(subject,))], Words())
+        picks, ids = picks_of(columns.scene, columns.looks), view_of(columns.scene).ids[0]
+        found = [None if place == UNKNOWN else int(ids[place]) for place in picks.picks[0].tolist()]
+        assert Choices(*found, picks.angles_rad[0]) == pytest.approx(alone, nan_ok=True)
+    return alone
 
 
 def test_each_baseline_picks_what_it_is_called_after() -> None:
@@ -38,6 +53,13 @@ def test_what_is_behind_the_camera_is_not_central() -> None:
 
 def test_without_eyes_nothing_is_nearest() -> None:
     assert choose(RECORD, replace(GIRL, eye_origin_m=None)) == Choices(nearest=None, largest=2, central=3)
+
+
+def test_of_what_is_equal_but_for_rounding_the_lower_number_is_picked() -> None:
+    one, other = (target_record(n, "box", center=(x, 0.0, 1.0)) for n, x in ((1, 0.1 + 0.2), (2, -0.3)))
+    girl = replace(subject_record("girl", eyes=(0.0, 0.0, 0.0)), gaze=(0.0, 0.0, 1.0))
+    assert choose(frame_record([one, other]), girl)[:4:2] == (1, 1)
+    assert choose(frame_record([one, other]), girl).in_angle == 1
 
 
 def test_without_a_subject_or_targets_nothing_is_picked() -> None:

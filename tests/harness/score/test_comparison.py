@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harness.score.comparison import compare, format_p, with_holm
-from harness.score.intervals import ScoredFrames, Units, difference_interval
+from harness.score.intervals import ScoredFrames, Units, difference_interval, pair
 from harness.score.statistics import NO_INTERVAL
 
 LOOK = 10
@@ -27,6 +27,16 @@ def _clips(*right: Sequence[int], first: int = 0) -> list[ScoredFrames]:
         )
         for number, looks in enumerate(right)
     ]
+
+
+def test_many_looks_of_few_clips_are_joined_to_stretches_of_one_person() -> None:
+    """Twenty looks of each of two people: the boy is right in the first configuration alone, the girl in the second."""
+    (wrong,), (right,) = _clips([0] * 20), _clips([LOOK] * 20)
+    units = pair([wrong, replace(right, subject="boy")], [right, replace(wrong, subject="boy")]).units
+    assert units is not None
+    stretches = units.merged()
+    assert stretches.frames.tolist() == [3 * LOOK] * 5 + [5 * LOOK] + [3 * LOOK] * 5 + [5 * LOOK]
+    assert stretches.values.tolist() == [*-stretches.frames[:6], *stretches.frames[6:]]
 
 
 def test_looks_are_the_units_of_few_clips() -> None:

@@ -86,11 +86,11 @@ def test_what_is_true_of_several_clips_is_said_once(tmp_path: Path) -> None:
         {"name": name, "manifest": "", "frames": [1], "notes": notes}
         for name, notes in (("studio_table", ["Rendered."]), ("studio_talk", ["Rendered.", "Two people."]))
     ]
-    ours = ["Of an older run.", {"text": "Ours.", "kind": "doubt"}]
+    ours = [{"text": "Theirs."}, {"text": "Ours.", "kind": "doubt"}]
     manifest = {"notes": ours, "clips": clips, "configurations": {"one": {}}, "finished": "now"}
     run = _finished(tmp_path, **manifest)
     assert run.reference().notes == (
-        Note("Of an older run."),
+        Note("Theirs."),
         Note("Ours.", NoteKind.DOUBT),
         Note("studio_table, studio_talk: Rendered."),
         Note("studio_talk: Two people."),

@@ -75,6 +75,16 @@ def test_sparse_labels_show_how_long_verdicts_stay_alike(every: int) -> None:
     assert correlation_time_s(sequences) == pytest.approx(4, rel=0.5)
 
 
+def test_long_sequences_count_beside_short_ones() -> None:
+    """Verdicts that change every 8 s on average, as above; few pairs of frames are far apart, and as unlike."""
+    generator = np.random.default_rng(2)
+    sequences = []
+    for length_s in [4] * 200 + [120] * 10:
+        right = np.cumsum(generator.random(25 * length_s) < 1 / (25 * 8)) % 2 == 0
+        sequences.append((right, np.arange(len(right), dtype=np.intp), 25.0))
+    assert correlation_time_s(sequences) == pytest.approx(4, rel=0.5)
+
+
 CODES = {"A": 0, "B": 1, "C": 2, "-": 3, "?": -1}
 
 
