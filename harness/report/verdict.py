@@ -6,33 +6,36 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from harness.report.advice import advice
 from harness.report.factors import compare_factors
-from harness.report.formats import interval_range, percent, shortened
+from harness.report.formats import interval_range, percent
 from harness.run.grid import base_of
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.comparison import Comparison, compare
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES
+from vfoa.errors import listed
 
-MOST_LINES, MOST_CHARACTERS = 5, 100
-"""Most lines of a verdict, and most characters of each."""
+MOST_LINES = 5
+"""Most lines of a verdict."""
+_MOST_NAMED = 4
+"""Most configurations or factors that a line names; of more, it counts the others."""
 NOTHING_SCORED = "Nothing is scored: no frame has a label."
 _MOST_STEPS = 2
+"""Most error types of the notes of tables, and most steps of a verdict."""
 _SCOPES = {"clip": "on clips like these", "look": "on these clips only"}
 _BEATS = {"yes": "Beats the best", "not shown": "Not shown to beat a", "no": "No better than a"}
 
 
 def verdict_lines(scores: Scores) -> list[str]:
-    """The result of a run, the answer first, in at most :data:`MOST_LINES` lines of :data:`MOST_CHARACTERS`.
+    """The result of a run, the answer first, in at most :data:`MOST_LINES` lines.
 
     The best configuration over all clips and its interval; whether it beats the best baseline, and the rate of constant
     answers that saw the labels if they are as good; which differences between configurations are shown, in a grid by
     factor over all values of the others; what to try next, by the errors of the best one. The oracle ablation is left
-    out. Long names lose their middles.
+    out.
     """
     rows = compared_rows(scores)
     if not rows:
@@ -57,32 +60,22 @@ def best_of(rows: Sequence[ScoreRow]) -> str:
 
 
 def _best_line(best: ScoreRow, rows: Sequence[ScoreRow]) -> str:
-    who = f"{best_of(rows)}: {{}}, right" if len(rows) > 1 else "{} is right"
-    short = f"{who} in {percent(best.frr)} %"
-    rate = f"{short} of the frames"
-    if math.isnan(best.interval.low):
-        end = "(too few looks for an interval)."
-        return _fitting(*(_Sentence(f"{begin} {end}", [best.configuration]) for begin in (rate, short)))
-    ends = f"{interval_range(best.interval, '.0f', 100)} % {_SCOPES[best.interval.unit]}"
-    briefly = f"{interval_range(best.interval, '.0f', 100)} %"
-    forms = (
-        f"{rate} (95 % confidence: {ends}).",
-        *(f"{begin} (95 %: {end})." for begin, end in ((rate, ends), (short, ends), (short, briefly))),
-    )
-    return _fitting(*(_Sentence(form, [best.configuration]) for form in forms))
+    name = best.configuration
+    who = f"{best_of(rows)}: {name}, right" if len(rows) > 1 else f"{name} is right"
+    ends = "too few looks for an interval"
+    if not math.isnan(best.interval.low):
+        ends = f"95 %: {interval_range(best.interval, '.0f', 100)} % {_SCOPES[best.interval.unit]}"
+    return f"{who} in {percent(best.frr)} % of the frames ({ends})."
 
 
 def _baseline_line(best: ScoreRow) -> str:
     rule, rate, constant = BASELINES[best.best_baseline], best.baselines[best.best_baseline], best.baselines["constant"]
     if any(rate for name, rate in best.baselines.items() if name not in SEES_LABELS):
-        beats = f"{_BEATS[best.beats]} simple rule"
-        forms = [f"{beats}: {words} ({percent(rate)} %)" for words in (rule, rule.split("object ")[-1])]
+        line = f"{_BEATS[best.beats]} simple rule: {rule} ({percent(rate)} %)"
     else:
-        forms = ["The simple rules are right in none of the frames"]
-    if constant >= best.frr and constant > rate:
-        ends = (f"; {words}: {percent(constant)} %" for words in ("always one answer", "one answer"))
-        forms = [f"{form}{end}" for end in ends for form in forms]
-    return _fitting(*(_Sentence(f"{form}.", []) for form in forms))
+        line = "The simple rules are right in none of the frames"
+    is_as_good = constant >= best.frr and constant > rate
+    return f"{line}{f'; always one answer: {percent(constant)} %' if is_as_good else ''}."
 
 
 def _difference_lines(scores: Scores, names: Sequence[str]) -> list[str]:
@@ -90,14 +83,11 @@ def _difference_lines(scores: Scores, names: Sequence[str]) -> list[str]:
     frames = {name: scores.frames_of(name) for name in names}
     groups = compare_factors(frames, scores.factors)
     if not groups:
-        return [_fitting(*sentences) for sentences in _Contrast.of(compare(frames)).sentences()]
+        return list(_Contrast.of(compare(frames)).sentences())
     factors = {key: _Contrast.of(group) for key, group in groups.items()}
     if len(factors) > 2:
         return _many_factors(factors)
-    return [
-        _fitting(*(_Sentence(f"{{}}: {form}", [key, *names]) for form, names in contrast.sentence()))
-        for key, contrast in factors.items()
-    ]
+    return [f"{key}: {contrast.sentence()}" for key, contrast in factors.items()]
 
 
 def _many_factors(factors: Mapping[str, _Contrast]) -> list[str]:
@@ -108,9 +98,9 @@ def _many_factors(factors: Mapping[str, _Contrast]) -> list[str]:
     remaining = f" (at most {possible:.1f} points)" if possible else ""
     lines = []
     if gains:
-        lines.append(_listed("A difference is shown for {}.", gains))
+        lines.append(f"A difference is shown for {listed(gains, _MOST_NAMED)}.")
     if unshown:
-        lines.append(_listed(f"No difference is shown for {{}}{remaining}.", list(unshown)))
+        lines.append(f"No difference is shown for {listed(list(unshown), _MOST_NAMED)}{remaining}.")
     return lines
 
 
@@ -157,44 +147,40 @@ class _Contrast:
         """The comparisons that show no difference: every two, or those with the best one if others differ."""
         return self.tied if any(comparison.is_significant for comparison in self.pairs) else self.pairs
 
-    def sentences(self) -> Iterator[list[_Sentence]]:
+    def sentences(self) -> Iterator[str]:
         """A sentence on those that are beaten, and one on those that cannot be told from the best one."""
         if self.beaten:
             yield self._of_beaten()
         if self.tied:
             yield self._of_tied()
 
-    def sentence(self) -> list[_Sentence]:
-        """One sentence on all, in several lengths."""
+    def sentence(self) -> str:
+        """One sentence on all."""
         if not self.beaten:
             return self._of_tied()
         if not self.tied:
             return self._of_beaten()
         others = len(self.beaten) + len(self.tied)
-        beats = f"{{}} beats {len(self.beaten)} of {others} others by {self.gains}"
-        rest = f"; over the rest, {self._describe_tied}.", "; over the rest, no difference shown."
-        return [_Sentence(f"{beats}{end}", [self.best]) for end in rest]
+        beats = f"{self.best} beats {len(self.beaten)} of {others} others by {self.gains}"
+        return f"{beats}; over the rest, {self._describe_tied}."
 
-    def _of_beaten(self) -> list[_Sentence]:
-        names = [self.best, *(comparison.reference for comparison in self.beaten)]
-        if len(self.beaten) == 1:
-            interval = self.beaten[0].interval
-            ends = "" if math.isnan(interval.low) else f" (95 % confidence: {interval_range(interval, '.1f', 100)})"
-            return [_Sentence(f"{{}} beats {{}} by {self.gains}{end}.", names) for end in (ends, "")]
-        parts = [f"{{}} by {100 * comparison.difference:.1f}" for comparison in self.beaten]
-        return [
-            _Sentence(f"{{}} beats {_joined(parts)} points.", names),
-            _Sentence(f"{{}} beats {len(self.beaten)} others by {self.gains}.", [self.best]),
-        ]
+    def _of_beaten(self) -> str:
+        first, *others = self.beaten
+        if len(others) >= _MOST_NAMED:
+            return f"{self.best} beats {len(self.beaten)} others by {self.gains}."
+        if others:
+            parts = [f"{comparison.reference} by {100 * comparison.difference:.1f}" for comparison in self.beaten]
+            return f"{self.best} beats {_joined(parts)} points."
+        interval = first.interval
+        ends = "" if math.isnan(interval.low) else f" (95 %: {interval_range(interval, '.1f', 100)})"
+        return f"{self.best} beats {first.reference} by {self.gains}{ends}."
 
-    def _of_tied(self) -> list[_Sentence]:
+    def _of_tied(self) -> str:
         others = [comparison.reference for comparison in self.tied]
+        if len(others) > 1 and (self._alike is self.tied or len(others) >= _MOST_NAMED):
+            return f"{self.best} or {len(others)} others, {self._describe_tied}."
         names = [name for name in self._names if name in (self.best, *others)]
-        all_named = _Sentence(f"{_joined(['{}'] * len(names), 'or')}, {self._describe_tied}.", names)
-        counted = _Sentence(f"{{}} or {len(others)} others, {self._describe_tied}.", [self.best])
-        if len(others) == 1:
-            return [all_named]
-        return [counted] if self._alike is self.tied else [all_named, counted]
+        return f"{_joined(names, 'or')}, {self._describe_tied}."
 
     @property
     def _describe_tied(self) -> str:
@@ -259,16 +245,11 @@ def _next_lines(scores: Scores, best: str, *, is_alone: bool, room: int) -> list
     ((name, count),) = counts.most_common(1)
     steps = advice(name, scores.settings.values(), recorded=scores.is_recorded)
     if room == 1:
-        share = f"its errors: {100 * count / counts.total():.0f} % {name}"
-        return [_fitting(*(_Sentence(f"Next{why}: {{}}.", steps[:1]) for why in (f" ({share})", "")))]
-    whose, names = ("", []) if is_alone else (" of {}", [best])
-    meaning = ERROR_TYPES[name]
-    why = f"{count} of {counts.total()} wrong frames{whose} are {name}: {meaning}."
-    in_short = f"Errors{'' if is_alone else ' of the best'}: {count} of {counts.total()} {name}"
-    fitting = [steps[:number] for number in range(len(steps), 1, -1)]
+        return [f"Next (its errors: {100 * count / counts.total():.0f} % {name}): {steps[0]}."]
+    whose = "" if is_alone else f" of {best}"
     return [
-        _fitting(_Sentence(why, names), *(_Sentence(f"{in_short}{rest}.", []) for rest in (f": {meaning}", ""))),
-        _fitting(*(_Sentence("Next: {}.", ["; ".join(each)]) for each in (*fitting, steps[:1]))),
+        f"{count} of {counts.total()} wrong frames{whose} are {name}: {ERROR_TYPES[name]}.",
+        f"Next: {'; '.join(steps[:_MOST_STEPS])}.",
     ]
 
 
@@ -279,31 +260,6 @@ def _error_types(scores: Scores, configurations: Collection[str]) -> Counter[str
         if of_subject.configuration in configurations:
             counts.update(of_subject.error_types)
     return Counter({name: counts[name] for name in ERROR_TYPES if counts[name]})
-
-
-class _Sentence(NamedTuple):
-    """A sentence with a ``{}`` for each of its names."""
-
-    form: str
-    names: Sequence[str]
-
-
-def _fitting(*sentences: _Sentence) -> str:
-    """The first sentence that fits a line, else the last one, whose longest names lose their middles."""
-    for form, names in sentences:
-        sentence = form.format(*names)
-        if len(sentence) <= MOST_CHARACTERS:
-            return sentence
-    widths = [len(name) for name in names]
-    for _ in range(len(sentence) - MOST_CHARACTERS):
-        widths[widths.index(max(widths))] -= 1
-    return form.format(*map(shortened, names, widths))
-
-
-def _listed(form: str, words: Sequence[str]) -> str:
-    """The sentence with as many of the words as fit a line, the others counted."""
-    shorter = [[*words[:number], f"{len(words) - number} more"] for number in range(len(words) - 1, 0, -1)]
-    return _fitting(*(_Sentence(form, [_joined(each)]) for each in ([*words], *shorter)))
 
 
 def _joined(words: Sequence[str], conjunction: str = "and") -> str:

@@ -19,7 +19,7 @@ from harness.report import verdict
 from harness.report.comparisons import factors_table
 from harness.report.factors import compare_factors, grid_levels
 from harness.report.tables import error_types_table
-from harness.report.verdict import MOST_CHARACTERS, MOST_LINES, next_steps, verdict_lines
+from harness.report.verdict import MOST_LINES, next_steps, verdict_lines
 from harness.score.baselines import BASELINES
 from harness.score.reference import Reference
 from harness.score.score import Scores
@@ -51,7 +51,6 @@ def _said(right: Mapping[str, float], **how: Any) -> list[str]:
     """The verdict on them."""
     lines = verdict_lines(_scores(right, **how))
     assert 1 <= len(lines) <= MOST_LINES
-    assert [line for line in lines if len(line) > MOST_CHARACTERS] == []
     return lines
 
 
@@ -97,15 +96,14 @@ def test_a_constant_answer_that_is_as_good_is_told_beside_the_rule_that_is_beate
         line = verdict_lines(replace(scores, rows=tuple(rows)))[1]
         assert "12.2 %" in line
         assert (f"{100 * of_labels:.1f} %" in line) == is_said
-        assert len(line) <= MOST_CHARACTERS
 
 
-def test_a_name_is_whole_where_looks_are_too_few_for_an_interval() -> None:
+def test_too_few_looks_for_an_interval_are_told() -> None:
     truth = ["cup"] * 20
     given = {"truth-60deg": truth, "truth-90deg": truth, **{f"sgbm-{n}": ["vase"] * 20 for n in range(11)}}
     records = [record for name, each in given.items() for record in answers(each, configuration=name)]
     best = verdict_lines(score(records, Reference(labels={"clip": labels(*truth)})))[0]
-    assert best.startswith("Best of 13 (2 equally good): truth-60deg, right in 100.0 % (too few looks")
+    assert best.startswith("Best of 13 (2 equally good): truth-60deg, right in 100.0 % of the frames (too few")
 
 
 @pytest.mark.parametrize("configurations", [("default",), ("a", "b")])
@@ -118,23 +116,6 @@ def test_errors_of_any_number_are_told_in_a_line(
     monkeypatch.setattr(verdict, "_error_types", lambda *_: many)
     lines = verdict_lines(scores)
     assert [line for line in lines if f"{max(many.values())} of {many.total()}" in line and error_type in line] != []
-    assert [line for line in lines if "…" in line or len(line) > MOST_CHARACTERS] == []
-
-
-def test_the_errors_of_the_best_are_told_without_its_name_if_that_does_not_fit() -> None:
-    truth = ["cup"] * 60
-    given = {"sgbm-c5-adaptive-filtered": ["cup"] * 40 + ["vase"] * 20, "bm": ["vase"] * 60}
-    records = [record for name, each in given.items() for record in answers(each, configuration=name)]
-    said = verdict_lines(score(records, Reference(labels={"clip": labels(*truth)})))
-    assert [line for line in said if line.startswith("Errors of the best: 20 of 20 missed: ")] != []
-    assert [line for line in said if "…" in line or len(line) > MOST_CHARACTERS] == []
-
-
-def test_a_name_that_fits_without_the_words_about_its_interval_is_whole() -> None:
-    names = [f"{cones}-of-degrees-and-{weights}" for cones in ("ten", "twelve") for weights in ("gaze", "adaptive")]
-    best, *_ = _said({**dict.fromkeys(names, 0.7), "wide": 0.5})
-    assert "…" not in best
-    assert "ten-of-degrees-and-gaze" in best
 
 
 def test_the_tests_of_the_factors_and_all_steps_are_in_the_tables() -> None:
@@ -178,7 +159,7 @@ def test_a_grid_of_many_factors_lists_those_that_differ_and_the_largest_possible
     }
     lines = _said(right, factors=_factors(*right))
     assert "attention.cones_cm (two: 20.0 points)" in lines[2]
-    assert lines[3].count("stereo.matcher and attention.method ") == 1
+    assert lines[3].count("stereo.matcher, attention.method ") == 1
     assert float(re.findall(r"at most ([\d.]+) points", lines[3])[0]) > 0
 
 
@@ -188,13 +169,6 @@ def test_the_best_of_any_number_of_configurations_is_named_with_its_rate(shares:
     first, *_ = _said(shares)
     assert best in first
     assert f"{100 * (math.ceil(60 * shares[best]) / 60):.1f} %" in first
-
-
-def test_long_names_lose_their_middles() -> None:
-    names = [f"{number}{'-long' * 30}-{number}" for number in (1, 2)]
-    best, _, beaten, *_ = _said(dict(zip(names, (0.5, 0.9), strict=True)))
-    assert re.search(r" 2-long\S*…\S*-2, right in 90.0 %", best)
-    assert re.match(r"2-\S*…\S*-2 beats 1-\S*…\S*-1 by 40.0 points", beaten)
 
 
 def test_a_difference_that_is_not_shown_is_told_with_the_largest_possible_one() -> None:
