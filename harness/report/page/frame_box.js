@@ -5,7 +5,7 @@ import { labelLink } from "./label.js";
 import { openRecording, recordingAddress, VIEWER, viewCommand } from "./recordings.js";
 import { close, onSelection, outcomeInWords, shown } from "./selection.js";
 import { data, packedJson } from "./packs.js";
-import { isWrong, nameOf, predictedInWords, predictedName, stateOf, valueAt, withValues } from "./store.js";
+import { isWrong, nameOf, placeOfValues, predictedInWords, predictedName, stateOf, valueAt, withValues } from "./store.js";
 import { onPreview } from "./timeline.js";
 
 const box = document.getElementById("frame");
@@ -109,7 +109,8 @@ function fileBeside(track, frame) {
 
 function values({ track, lane, i }) {
   if (!lane.values) return element("p", { class: "small" }, lane.attended.length ? "" : "No attention values.");
-  const known = [...lane.values].map(([code, cells]) => [code, valueAt(cells.total, i), valueAt(cells.gaze, i), valueAt(cells.head, i)])
+  const place = placeOfValues(i, track.frames.length);
+  const known = [...lane.values].map(([code, { total, gaze, head }]) => [code, ...[total, gaze, head].map((cells) => valueAt(cells, place))])
     .filter(([, total]) => total !== null).sort(([, a], [, b]) => b - a);
   const told = ([code, total]) => total > 0 || code === track.truth[i] || code === lane.predicted[i];
   const head = element("tr", {}, ...["Attention", "", "total", "gaze", "head"].map((words, column) =>
@@ -124,11 +125,8 @@ function values({ track, lane, i }) {
   });
   const others = known.filter((each) => !told(each)).map(([code]) => nameOf(code)).filter((name) => name !== "none");
   const rest = others.length ? `Attention below 0.002: ${others.join(", ")}.` : known.length ? "" : "No attention values.";
-  const near = data.stride > 1 && i % data.stride ? ` Values of frame ${track.frames[i - i % data.stride]}.` : "";
-  const answer = known.find(([code]) => code === lane.predicted[i]);
-  const several = !near && lane.confidence[i] >= 0 && answer && known[0][1] > answer[1]
-    ? " A name has the probability of all its objects; the answer is the likeliest object, or none." : "";
-  return element("div", {}, ...(rows.length ? [element("table", {}, head, ...rows)] : []), element("p", { class: "small" }, rest + near + several));
+  const near = place === i ? "" : ` Values of frame ${track.frames[place]}.`;
+  return element("div", {}, ...(rows.length ? [element("table", {}, head, ...rows)] : []), element("p", { class: "small" }, rest + near));
 }
 
 export function followFrames() {

@@ -79,8 +79,10 @@ export const predictedInWords = (lane, i) =>
 export const stateOf = (lane, i) => (lane.states[i] < 0 ? "no frame" : data.states[lane.states[i]]);
 export const isWrong = (lane, i) => lane.states[i] >= WRONG_FROM;
 export const isScored = (track) => track.lanes.some((lane) => lane.states.some((state) => state >= 0 && data.states[state] !== "unscored"));
-export const valueAt = (cells, i) => {
-  const cell = cells === null ? UNKNOWN : cells[Math.floor(i / data.stride)];
+// The place of the frame nearest to a place i of n of which the page has the attention.
+export const placeOfValues = (i, n) => data.stride * Math.min(Math.round(i / data.stride), Math.ceil(n / data.stride) - 1);
+export const valueAt = (cells, place) => {
+  const cell = cells === null ? UNKNOWN : cells[place / data.stride];
   return cell === UNKNOWN ? null : cell / 250;
 };
 

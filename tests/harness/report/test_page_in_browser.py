@@ -24,7 +24,6 @@ from harness.report.page.data import ERROR_COLOURS
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
 from harness.report.write import report_page
-from harness.run.manifest import AnswerTraits
 from harness.run.records import FrameRecord, TargetRecord
 from harness.score.reference import Reference
 from harness.score.verdicts import ERROR_TYPES
@@ -585,6 +584,29 @@ def test_a_wrong_frame_shows_its_picture_with_truth_and_answer_marked(page: Repo
     assert page.all("#frame svg.thumbnail") == []
 
 
+def test_a_frame_whose_attention_is_left_out_shows_that_of_the_nearest(
+    report: ReportPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("harness.report.page.packing.MOST_BYTES", 500)
+    things, noise = [target_record(1, "cup"), target_record(2, "dragon")], np.random.default_rng(0).random(1_500)
+    records = [
+        frame_record(things, [subject_record("girl", totals={1: value / 2, 2: 1.0}, focus=2)], frame=frame)
+        for frame, value in enumerate(noise, start=1)
+    ]
+    score_run(tmp_path, records, Reference(labels={"clip": labels(*["cup"] * 1_500)}))
+    report.open(tmp_path / "report.html", clip="clip", subject="girl", frame=1)
+    report.box("Frame 1 – wrong")
+    stride = report.js("return JSON.parse(document.getElementById('data').textContent).stride")
+    last = 1 + (1_500 - 1) // stride * stride
+    pairs = {1: 1, 1 + stride: 1 + stride, stride: 1 + stride, 1 + stride + 1: 1 + stride, 1_500: last}
+    assert stride > 2
+    for frame, of in pairs.items():
+        report.open(tmp_path / "report.html", clip="clip", subject="girl", frame=frame)
+        text = report.box(f"Frame {frame} – wrong")
+        assert (f"Values of frame {of}." in text) == (frame != of)
+        assert f"cup (truth) {noise[of - 1] / 2:.2f}" in " ".join(text.split())
+
+
 def test_of_objects_of_a_name_only_the_one_at_the_labels_point_is_marked_true(
     report: ReportPage, tmp_path: Path
 ) -> None:
@@ -610,24 +632,6 @@ def test_of_objects_of_a_name_only_the_one_at_the_labels_point_is_marked_true(
     score_run(run, [another], Reference(labels={"clip": truth}))
     report.open(run / "report.html", clip="clip", subject="girl", frame=2)
     assert "Truth: cup. Predicted: cup (another of this name)." in report.box("Frame 2 – wrong")
-
-
-def test_a_name_whose_objects_are_together_likelier_than_the_answer_is_explained(
-    report: ReportPage, tmp_path: Path
-) -> None:
-    things = [target_record(1, "cup"), target_record(2, "dragon"), target_record(3, "cup")]
-    chances = ({1: 0.25, 2: 0.35, 3: 0.2}, {1: 0.1, 2: 0.5, 3: 0.1})
-    records = [
-        frame_record(things, [subject_record("girl", totals=each, focus=2)], frame=frame)
-        for frame, each in enumerate(chances, start=1)
-    ]
-    traits = {"one": AnswerTraits(probabilistic=True)}
-    score_run(tmp_path, records, Reference(labels={"clip": labels("cup", "cup")}, traits=traits))
-    for frame, total, is_explained in ((1, "0.45", True), (2, "0.20", False)):
-        report.open(tmp_path / "report.html", clip="clip", subject="girl", frame=frame)
-        text = report.box(f"Frame {frame} – wrong")
-        assert f"cup (truth) {total}" in " ".join(text.split())
-        assert ("all its objects" in text) == is_explained
 
 
 def _copy(page: ReportPage, figure: str, *kinds: str) -> None:
