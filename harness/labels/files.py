@@ -11,7 +11,7 @@ place a row holds for the frames whose time lies in [start, end). ``annotations/
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,37 +120,25 @@ def format_annotations(labels: Labels, where: str = "annotations") -> str:
         If a name or note holds a line break or another control character; ``where`` starts the message.
     """
     in_time = bool(labels.ranges) and all(row.span_ns is not None for row in labels.ranges)
-    with_points = any(row.label.point_px is not None for row in labels.ranges)
-    with_tags = any(row.label.tags for row in labels.ranges)
-    with_states = any(row.label.is_suggested for row in labels.ranges)
-    rows = list[Sequence[object]]()
+    columns, rows = (*(TIME_COLUMNS if in_time else FRAME_COLUMNS), *WORD_COLUMNS, *_OPTIONAL), list[list[object]]()
     for row in labels.ranges:
-        cells = [row.subject, row.label.target, row.label.note]
-        check_text(cells, where)
-        if with_points:
-            cells += [_number(coordinate) for coordinate in row.label.point_px or ()] or ["", ""]
-        if with_tags:
-            cells.append(" ".join(row.label.tags))
-        if with_states:
-            cells.append(SUGGESTED if row.label.is_suggested else "")
+        words = row.subject, row.label.target, row.label.note
+        check_text(words, where)
         ends = map(format_seconds, row.span_ns or ()) if in_time else (row.first_frame, row.last_frame)
-        rows.append([*ends, *cells])
-    columns = _columns(in_time=in_time, with_points=with_points, with_tags=with_tags, with_states=with_states)
-    return f"{VERSION_LINE}\n{format_rows(columns, rows)}"
+        point = map(_number, row.label.point_px) if row.label.point_px else ("", "")
+        rows.append([*ends, *words, *point, " ".join(row.label.tags), SUGGESTED if row.label.is_suggested else ""])
+    given = [place for place, name in enumerate(columns) if name not in _OPTIONAL or any(row[place] for row in rows)]
+    table = format_rows([columns[place] for place in given], [[row[place] for place in given] for row in rows])
+    return f"{VERSION_LINE}\n{table}"
 
 
-def _columns(*, in_time: bool, with_points: bool, with_tags: bool, with_states: bool) -> tuple[str, ...]:
-    ends = TIME_COLUMNS if in_time else FRAME_COLUMNS
-    more = (*(POINT_COLUMNS if with_points else ()), *((TAG_COLUMN,) if with_tags else ()))
-    return (*ends, *WORD_COLUMNS, *more, *((STATE_COLUMN,) if with_states else ()))
+_OPTIONAL = (*POINT_COLUMNS, TAG_COLUMN, STATE_COLUMN)
 
 
 def _check_header(header: list[str], where: str) -> None:
-    marks = (TIME_COLUMNS[0], POINT_COLUMNS[0], TAG_COLUMN, STATE_COLUMN)
-    in_time, with_points, with_tags, with_states = (name in header for name in marks)
-    if tuple(header) != _columns(
-        in_time=in_time, with_points=with_points, with_tags=with_tags, with_states=with_states
-    ):
+    ends = TIME_COLUMNS if TIME_COLUMNS[0] in header else FRAME_COLUMNS
+    further = [name for name in _OPTIONAL if name in header]
+    if header != [*ends, *WORD_COLUMNS, *further] or len({*POINT_COLUMNS} & {*further}) == 1:
         raise VfoaError(
             f"{where}: header {','.join(header)[:120]!r}; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)} "
             f"(or {','.join(TIME_COLUMNS)} for the frames; then any of {','.join(POINT_COLUMNS)}, {TAG_COLUMN}, "

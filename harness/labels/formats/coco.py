@@ -9,7 +9,7 @@ from pathlib import Path
 from harness.files.coco import CocoAnnotation, CocoCategory, CocoFile, CocoImage, check_ids, read_coco, where
 from harness.labels.drawn_shapes import Place
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
-from harness.labels.formats.shapes import Shape, ShapeFile, imported, tracks_of, turned_box
+from harness.labels.formats.shapes import Shape, ShapeFile, imported, one_size, tracks_of, turned_box
 from vfoa.coco import THINGS
 from vfoa.errors import VfoaError
 
@@ -95,8 +95,4 @@ def _place(annotation: CocoAnnotation, where: str) -> Place:
 
 def _size(file: CocoFile, path: Path) -> tuple[int, int] | None:
     """Width and height of all images."""
-    sizes = {(image.width, image.height) for image in file.images if image.width and image.height}
-    if len(sizes) > 1:
-        listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise VfoaError(f"{path}: found images of the sizes {listed}; expected those of one clip")
-    return next(((width, height) for width, height in sizes if width and height), None)
+    return one_size(((image.width, image.height) for image in file.images if image.width and image.height), path)

@@ -26,7 +26,7 @@ from harness.files.io import read_bytes
 from harness.files.parsing import parse_xml
 from harness.labels.drawn_shapes import Place
 from harness.labels.formats.exchange import Exchange, Imported, ReadOnly
-from harness.labels.formats.shapes import Shape, ShapeFile, ShapeTrack, imported, tracks_of, turned_box
+from harness.labels.formats.shapes import Shape, ShapeFile, ShapeTrack, imported, one_size, tracks_of, turned_box
 from vfoa.errors import VfoaError, listed
 
 LEFT_OUT = ("skeleton", "cuboid", "tag")
@@ -175,11 +175,8 @@ def _size(root: Element, path: Path) -> tuple[int, int] | None:
     sides = [(image.get("width", ""), image.get("height", "")) for image in root.iter("image")]
     sides += [(size.findtext("width", ""), size.findtext("height", "")) for size in root.iter("original_size")]
     where = str(path)
-    sizes = {(int(_parsed(w, "width", where)), int(_parsed(h, "height", where))) for w, h in dict.fromkeys(sides)}
-    if len(sizes) > 1:
-        found = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise VfoaError(f"{path}: found images of the sizes {found}; expected those of one clip")
-    return next(iter(sizes), None)
+    pairs = ((int(_parsed(w, "width", where)), int(_parsed(h, "height", where))) for w, h in dict.fromkeys(sides))
+    return one_size(pairs, path)
 
 
 def _text(element: Element, name: str, where: str) -> str:

@@ -90,57 +90,83 @@ def from_rows(rows: Sequence[Row], exchange: Exchange, path: Path) -> Imported:
     VfoaError
         If columns are missing, or a cell is wrong: with its line.
     """
-    (line, header), *lines = rows
-    columns, left_out = known_columns(header, f"{path}:{line}")
+    lines = rows[1:]
+    found = _columns(rows, exchange, path)
+    given = [_row(cells, found.columns, f"{path}:{line}") for line, cells in lines]
+    with_target = [row for row in given if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
+    known = [row for row in with_target if not exchange.names.leaves_out(row[1].get("subject"), row[1]["target"])]
+    _check_places(known, found, exchange, path)
+    place = found.place
     if exchange.until_next:
-        columns = _without_ends(columns, lines, f"{path}:{line}")
+        timeline = None if found.is_own else _timeline(place[0], exchange, path)
+        known, place = until_next(given, known, place[0], exchange, timeline)
+    imported = _labels(known, place, exchange, path)
+    held = sum(len(exchange.positions(row)) for row in imported.labels.ranges)
+    is_sparse = len(place) == 1 and held >= _SPARSE * max(len(given), 1)
+    if is_sparse and found.durations:
+        raise VfoaError(
+            f"{path}: {place[0]} and {found.durations[0]}: found rows that are frames apart, and a duration of unknown "
+            "unit; expected last_frame, or in place of the frame time_s"
+        )
+    notes = (
+        (found.left_out, f"columns that are not read: {', '.join(found.left_out)}."),
+        (is_sparse, "a row is read as a label of one frame; --until-next: it holds until the person's next one."),
+        (len(with_target) < len(given), f"left out: {counted(len(given) - len(with_target), 'row')} without a target."),
+    )
+    return replace(imported, notes=(*(f"{path}: {note}" for is_so, note in notes if is_so), *imported.notes))
+
+
+class _Columns(NamedTuple):
+    """The place of each column that is read, and the columns that say where a row holds: those of ``place``.
+
+    ``durations`` are columns beside a moment whose unit is not known, as they are called in the file. ``is_own``: the
+    rows have the clip's own frame numbers. ``has_unit``: the name of the column says its unit.
+    """
+
+    columns: Mapping[str, int]
+    place: tuple[str, ...]
+    left_out: Sequence[str]
+    durations: Sequence[str]
+    is_own: bool
+    has_unit: bool
+
+
+def _columns(rows: Sequence[Row], exchange: Exchange, path: Path) -> _Columns:
+    (line, header), *lines = rows
+    where = f"{path}:{line}"
+    columns, left_out = known_columns(header, where)
+    if exchange.until_next:
+        columns = _without_ends(columns, lines, where)
     elif columns.keys() & {*_MOMENTS}:
         columns = _without_empty(columns, lines, _DURATIONS)
     columns, times = without_times(columns, lines, exchange, path)
     left_out += [header[at] for at in times]
-    place = _place(columns, left_out, f"{path}:{line}", _ONSETS if exchange.until_next else _PLACES)
+    place = _place(columns, left_out, where, _ONSETS if exchange.until_next else _PLACES)
     is_own = place[0] in ("frame", "first_frame") and exchange.fps is None
     if is_own and exchange.offset is not None and not times:
         raise VfoaError(
             f"{path}: --offset {exchange.offset:g}: no effect on {place[0]}, the clip's own numbers; expected --fps "
             "RATE with it (numbers of another program, from 0), or no --offset"
         )
-    if len(place) == 1:
-        left_out += [header[columns[column]] for column in _DURATIONS if column in columns]
     if "subject" not in columns and len(exchange.subjects) != 1:
         raise VfoaError(
-            f"{path}:{line}: no column of subjects; expected subject, since the clip has "
+            f"{where}: no column of subjects; expected subject, since the clip has "
             f"{', '.join(exchange.subjects) or 'none'}"
         )
-    given = [_row(cells, columns, f"{path}:{line}") for line, cells in lines]
-    with_target = [row for row in given if row[1]["target"] == NOWHERE or not is_missing(row[1]["target"])]
-    known = [row for row in with_target if not exchange.names.leaves_out(row[1].get("subject"), row[1]["target"])]
-    if plain_name(header[columns[place[0]]]).rpartition("_")[2] not in UNITS:
-        check_unit(known, place, exchange, path)
-    check_minutes(known, place, exchange, path)
-    if place[0] in ("start_ms", "time_ms"):
-        check_milliseconds(known, place, exchange, path)
-    if exchange.until_next:
-        known, place = until_next(
-            given, known, place[0], exchange, None if is_own else _timeline(place[0], exchange, path)
-        )
-    elif place == ("first_frame", "last_frame"):
-        _check_included(known)
-    imported = _labels(known, place, exchange, path)
-    notes = [f"{path}: columns that are not read: {', '.join(left_out)}."] if left_out else []
-    held = sum(len(exchange.positions(row)) for row in imported.labels.ranges)
-    if len(place) == 1 and held >= _SPARSE * max(len(given), 1):
-        if durations := [header[columns[column]] for column in _DURATIONS if column in columns]:
-            raise VfoaError(
-                f"{path}: {place[0]} and {durations[0]}: found rows that are frames apart, and a duration of unknown "
-                "unit; expected last_frame, or in place of the frame time_s"
-            )
-        notes.append(
-            f"{path}: a row is read as a label of one frame; --until-next: it holds until the person's next one."
-        )
-    if len(with_target) < len(given):
-        notes.append(f"{path}: left out: {counted(len(given) - len(with_target), 'row')} without a target.")
-    return Imported(labels=imported.labels, notes=(*notes, *imported.notes))
+    durations = [header[columns[column]] for column in _DURATIONS if column in columns and len(place) == 1]
+    has_unit = plain_name(header[columns[place[0]]]).rpartition("_")[2] in UNITS
+    return _Columns(columns, place, [*left_out, *durations], durations, is_own, has_unit)
+
+
+def _check_places(rows: Sequence[Cells], found: _Columns, exchange: Exchange, path: Path) -> None:
+    """Reject rows whose times are of another unit, or whose last frames are not included."""
+    if not found.has_unit:
+        check_unit(rows, found.place, exchange, path)
+    check_minutes(rows, found.place, exchange, path)
+    if found.place[0] in ("start_ms", "time_ms"):
+        check_milliseconds(rows, found.place, exchange, path)
+    if found.place == ("first_frame", "last_frame"):
+        _check_included(rows)
 
 
 def _check_included(rows: Sequence[Cells]) -> None:

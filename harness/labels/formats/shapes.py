@@ -95,6 +95,21 @@ class ShapeFile:
         return dict.fromkeys([*self.images, *(shape.at for track in self.tracks for shape in track.shapes)])
 
 
+def one_size(sizes_px: Iterable[tuple[int, int]], path: Path) -> tuple[int, int] | None:
+    """Return the size of a file's images, (width, height); None if it states none.
+
+    Raises
+    ------
+    VfoaError
+        If they differ.
+    """
+    sizes = sorted({*sizes_px})
+    if len(sizes) > 1:
+        listed = ", ".join(f"{width} x {height}" for width, height in sizes)
+        raise VfoaError(f"{path}: found images of the sizes {listed}; expected those of one clip")
+    return next(iter(sizes), None)
+
+
 def imported(file: ShapeFile, exchange: Exchange, path: Path) -> Imported:
     """The shapes of the manifest's names, and the looks of subjects; others are left out, with a note.
 

@@ -56,14 +56,19 @@ def _on_rate(shown: Timeline, exchange: Exchange, path: object) -> Iterator[str]
     if exchange.fps is None or exchange.rate_hz is None or len(exchange.frames) < 2:
         return
     of_film, own = ((times[-1] - times[0]) / 1e9 for times in (shown.times_ns, exchange.timeline.times_ns))
-    if abs(of_film / own - 1) > SAME_RATE:
+    if abs(of_film / own - 1) > SAME_RATE or abs(of_film - own) > _NOTED_SHIFT_S:
         yield (
             f"{path}: --fps {exchange.fps:g}: read as labels of a film that shows every frame of the clip, in "
-            f"{of_film:.4g} s; by its own times the clip lasts {own:.4g} s. Labels of another camera's film: give "
-            "seconds (a table's start and end), without --fps."
+            f"{of_film:.1f} s; by its own times the clip lasts {own:.1f} s. Labels at the clip's own times, or of "
+            "another camera's film: leave out --fps, and give seconds (a table's start and end)."
         )
 
 
+_NOTED_SHIFT_S = 0.2
+"""Time by which labels at the end of a clip are off, if the rate is not that of the film, above which a note says so.
+
+A rate of 30 for 29.97 is as wrong after 200 s.
+"""
 _NOTED_NS = 1_000_000_000
 """Time by which a label lasts beyond the clip above which a note says so."""
 

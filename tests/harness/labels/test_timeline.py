@@ -56,6 +56,19 @@ def test_the_last_frame_lasts_for_the_median_step(times_ns: list[int], step_ns: 
     assert timeline.span_ns(len(times_ns), len(times_ns))[1] == times_ns[-1] + step_ns
 
 
+def test_the_last_frame_of_a_part_lasts_until_the_next_one_may_come() -> None:
+    part = Timeline(frames=[4, 5, 6], times_ns=[0, 40_000_000, 120_000_000], is_whole=False)
+    assert part.span_ns(5, 6) == (40_000_000, 140_000_000)
+    assert part.between(40_000_000, 140_000_000) == (5, 6)
+
+
+@pytest.mark.parametrize(
+    ("times_ns", "rounding_ns"), [([0, 40_000_000], 500_000), ([0, 800_000, 1_200_000], 200_000), ([5], 500_000)]
+)
+def test_a_rounded_time_is_nearer_to_its_own_frame_than_to_the_next(times_ns: list[int], rounding_ns: int) -> None:
+    assert Timeline(frames=range(len(times_ns)), times_ns=times_ns).rounding_ns == rounding_ns
+
+
 @pytest.mark.parametrize(
     ("time_ns", "text"), [(0, "0"), (1, "0.000000001"), (-1, "-0.000000001"), (10 * 10**9, "10"), (-5 * 10**8, "-0.5")]
 )

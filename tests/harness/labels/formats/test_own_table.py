@@ -232,6 +232,15 @@ def test_a_film_of_another_rate(tmp_path: Path, has_images: bool) -> None:
     assert any("--fps 20" in note and "0.2 s" in note and "0.4 s" in note for note in notes) is has_images
 
 
+@pytest.mark.parametrize(("fps", "is_noted"), [(30.0, True), (29.97, False)])
+def test_a_rate_that_shifts_the_labels_of_a_long_film_is_noted(tmp_path: Path, fps: float, is_noted: bool) -> None:
+    """After 500 s, 30 frames a second are 15 frames behind 29.97."""
+    film = PlainClip(frames=range(15_000), rate_hz=30_000 / 1001)
+    labels, notes = _read(tmp_path, "subject,target,start,end\ngirl,bird,480.48,490.49\n", film, fps=fps)
+    assert labels == Labels([row(14_415, 14_714, "bird") if is_noted else row(14_400, 14_699, "bird")])
+    assert ["500.0 s" in note and "500.5 s" in note for note in notes] == [True] * is_noted
+
+
 def test_rows_without_a_0_or_1_have_no_label(tmp_path: Path) -> None:
     text = "frame,subject,bird,cup\n1,girl,1,0\n2,girl,,\n3,girl,0,0\n4,girl,0,\n"
     labels, notes = _read(tmp_path, text)

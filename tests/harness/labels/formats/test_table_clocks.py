@@ -66,6 +66,7 @@ def test_the_last_picture_of_a_row_is_in_it_where_the_next_one_begins_after_it(
     expected = [row(first, last - 1 + ends, name) for (first, last), name in zip(places, ("bird", "cup"), strict=True)]
     assert [each for each in imported.labels.of("girl") if each.label.target != "ignore"] == expected
     assert any("INTERACT" in note for note in imported.notes) == bool(ends)
+    assert not any("--fps" in note for note in imported.notes)  # it is the clip's own rate
 
 
 def test_time_codes_of_onsets_and_of_single_frames_are_read(tmp_path: Path) -> None:
