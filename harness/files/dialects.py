@@ -32,6 +32,8 @@ _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?")
 _DECIMAL_POINT = re.compile(r"[+-]?[0-9]*\.[0-9]+([eE][+-]?[0-9]+)?")
 _ROW_NUMBER = re.compile(r"[0-9]{1,18}")
 _BOOLEANS = frozenset({"true", "false"})
+_MOST_SHARED = 100_000
+"""Most different cells of a table that are remembered, so that numbers with all digits do not fill the memory."""
 _WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 _ENCODINGS = (
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -82,13 +84,20 @@ def table_rows(path: Path) -> list[Row]:
         text, above = _without_comments(text)
         separator = separator_of(text, _SEPARATORS, " ")
     lines = csv_lines(text, path, above, separator, skips_blanks=separator != " ")
-    rows = [(line, stripped) for line, cells in lines if any(stripped := [cell.strip() for cell in cells])]
+    shared: dict[str, str] = {}
+    rows = [(line, _shared(stripped, shared)) for line, cells in lines if any(stripped := [*map(str.strip, cells)])]
     if rows:
         (line, header), *below = rows
         rows = [(line, _drop_columns(path, line, _names(header, below, separator), below)), *below]
         if separator != ",":
             _read_decimal_commas(path, below)
     return rows
+
+
+def _shared(cells: list[str], known: dict[str, str]) -> list[str]:
+    """The cells, as one string where they are equal: a long table has the same names and sizes in each of its rows."""
+    share = known.setdefault if len(known) < _MOST_SHARED else known.get
+    return [*map(share, cells, cells)]
 
 
 def _without_comments(text: str) -> tuple[str, int]:
