@@ -115,15 +115,21 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
         for path, content in contents.items():
             data = _encoded(path, content)
             draft = drafts.enter_context(replacing(path))
-            try:
-                with draft.open("wb") as file:
-                    file.write(data)
-                    file.flush()
-                    os.fsync(file.fileno())
-            except OSError as error:  # that of a full disk names no file
-                if error.errno is not None and error.filename is None:
-                    error.filename = str(path)
-                raise
+            with naming(path), draft.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name this file in an error of the block that names none, as that of a full disk does not."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 def _encoded(path: Path, content: str | bytes) -> bytes:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO
 
 from harness.clips.manifest import manifest_of_run
-from harness.files.io import atomic_write, read_bytes, take_lock, unreadable
+from harness.files.io import atomic_write, naming, read_bytes, take_lock, unreadable
 from harness.files.parsing import parse_json
 from harness.files.remote import local_folder
 from harness.run.manifest import Failure, RunManifest
@@ -219,9 +219,9 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
         if holder:
             tell(f"{folder}: took over the lock of {holder}, which has ended")
         try:
-            file.truncate(0)
-            file.write(f"process {os.getpid()} on {platform.node()}")
-            file.flush()
+            with naming(folder / LOCK):
+                file.truncate(0)
+                os.write(file.fileno(), f"process {os.getpid()} on {platform.node()}".encode())
             yield
         finally:
             file.truncate(0)

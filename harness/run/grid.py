@@ -22,6 +22,7 @@ ORACLE_STEPS = ("disparity", "instances", "heads", "head_pose", "gaze")
 """What the ground truth can replace, in the order of the pipeline: ``sgbm-one+disparity`` is a step of the ablation."""
 OF_LAYERS = ("scene", "verdicts")
 """Ends of names of a recording's files after its configuration's name (:class:`harness.record.layers.ClipFiles`)."""
+_MADE_NAMES = (("+", ORACLE_STEPS, "--oracle makes such a step"), (".", OF_LAYERS, "its recording has such a file"))
 _SEED = re.compile(r"\.seed\d+(?=\+|$)")
 
 
@@ -55,56 +56,39 @@ def variants(
     found = [*(_named(configurations, where) if configurations else _combined(grid, where, is_setting))]
     names: dict[str, str] = {}  # by their form in files: macOS and Windows have one file for A and a
     for name in (each.name for each in found):
-        if (other := names.setdefault(name.lower(), name)) != name:
+        if (other := names.get(name.lower())) is not None:
             raise VfoaError(
-                f"{where}: configuration {name!r}: expected another name beside {other!r}: they differ only in "
-                "capitals, and may share files"
+                f"{where}: configuration {name!r}: expected another name beside {other!r}, different in more than "
+                "capitals; values of a grid can have names: { one = [10], two = [10, 25] }"
             )
+        names[name.lower()] = name
     for form, name in names.items():
-        before, _, step = form.rpartition("+")
         if base_of(form) != form:
             raise VfoaError(
                 f"{where}: configuration {name!r}: expected no name of a seed: seeds = 20 makes and names them"
             )
-        if before in names and step in ORACLE_STEPS:
-            raise VfoaError(
-                f"{where}: configuration {name!r}: expected another name beside {names[before]!r}: --oracle gives this "
-                f"one to {names[before]!r} with the true {step}"
-            )
-        before, _, layer = form.rpartition(".")
-        if before in names and layer in OF_LAYERS:
-            raise VfoaError(
-                f"{where}: configuration {name!r}: expected another name beside {names[before]!r}, one of whose "
-                "recording's files is called so"
-            )
+        for sign, ends, what in _MADE_NAMES:
+            before, _, end = form.rpartition(sign)
+            if before in names and end in ends:
+                beside = f"expected another name beside {names[before]!r}: {what}"
+                raise VfoaError(f"{where}: configuration {name!r}: {beside}")
     return found
 
 
 def _combined(grid: Mapping[str, Any], where: str, is_setting: Callable[[str, str], bool]) -> Iterator[Variant]:
     axes = [_alternatives(key, values, where) for key, values in _dotted(grid, where, is_setting)]
-    seen: set[str] = set()
     for combination in itertools.product(*axes):
         name = "-".join(label for label, _, _ in combination) or "default"
-        if name in seen:
-            raise VfoaError(
-                f"{where}: grid: two combinations are called {name!r}; expected each value once, or other names for "
-                "them: { one = [10], two = [10, 25] }"
-            )
-        seen.add(name)
         factors = {key: label for label, key, _ in combination}
         differences = (difference for _, key, value in combination for difference in flattened({key: value}))
         yield _variant(name, where, factors, differences)
 
 
 def _named(configurations: Sequence[Mapping[str, Any]], where: str) -> Iterator[Variant]:
-    seen: set[str] = set()
     for number, table in enumerate(configurations, start=1):
         name = table.get("name")
         if not isinstance(name, str):
             raise VfoaError(f"{where}: [[configuration]] number {number}: expected a name, found {name!r}")
-        if name in seen:
-            raise VfoaError(f"{where}: [[configuration]] number {number}: the name {name!r} occurs twice")
-        seen.add(name)
         yield _variant(name, where, {}, flattened({key: value for key, value in table.items() if key != "name"}))
 
 

@@ -99,15 +99,10 @@ class ClipOfRun(_ManifestTable):
 
 
 class NoteOfRun(_ManifestTable):
-    """A note of the experiment. Older runs have texts alone, which are taken for facts."""
+    """A note of the experiment."""
 
     text: str
     kind: NoteKind = Field(default=NoteKind.FACT, strict=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _text_alone(cls, value: Any) -> Any:
-        return {"text": value} if isinstance(value, str) else value
 
 
 class AnswerTraits(_ManifestTable):

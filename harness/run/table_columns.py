@@ -104,7 +104,6 @@ def scene_columns(tables: TableFiles, words: Words, names_now: Mapping[str, str]
     of_instances = ("frame", "instance_id", "name", "box_px", "center_m", "depth_from")
     instances, instance_at = _in_order(tables, "instances", of_instances, frames)
     ids = _numbers(instances, "instance_id")
-    _check_distinct(frames, instance_at, ids, tables.paths["instances"])
     of_people = ("frame", "track_id", "name", "instance_id", "head_box_px")
     people, person_at = _in_order(tables, "people", of_people, frames)
     heads_px = _vectors(people, "head_box_px", 4)
@@ -165,22 +164,22 @@ def answer_columns(
     Raises
     ------
     VfoaError
-        If the table does not fit that of people, or a person attends to what is not there.
+        If the table does not fit that of people, or somebody attends to what is not there.
     """
-    path = tables.paths["answers"]
     columns = (*_ANSWERS, *(f"{cue}_filtered" for cue in filtered))
     table = _of_people(scene, tables, "answers", columns)
     after = {"gaze": looks.gaze, "head": looks.head}
     after |= {cue: _vectors(table, f"{cue}_filtered", 3) for cue in filtered}
     attending = np.repeat(np.arange(len(table)), _lengths(table, "targets"))
-    ids = numbers_of(_flat(table, "targets"), 0)
     gaze, head, total = (numbers_of(_flat(table, name), np.nan) for name in (*CUES, "total"))
-    if not len(ids) == len(gaze) == len(head) == len(total):
-        raise VfoaError(f"{path}: expected lists of targets, gaze, head and total of one length")
     focused = _numbers(table, "focus", NO_ID)
-    has_focus = np.flatnonzero(focused != NO_ID)
-    focus = np.full(len(table), UNKNOWN, dtype=np.intp)
-    focus[has_focus] = _instances(scene, has_focus, focused[has_focus], path)
+    focus = _find(scene, scene.person_at, focused)
+    attended = _find(scene, scene.person_at[attending], numbers_of(_flat(table, "targets"), 0))
+    if (attended == UNKNOWN).any() or ((focus == UNKNOWN) & (focused != NO_ID)).any():
+        raise VfoaError(
+            f"{tables.paths['answers']}: somebody attends to what is no target of the frame; expected the table as "
+            "the run wrote it"
+        )
     return PairColumns(
         clip=pair[0],
         configuration=pair[1],
@@ -191,7 +190,7 @@ def answer_columns(
         missing=_words(table, "missing", words),
         focus=focus,
         attending=attending,
-        attended=_instances(scene, attending, ids, path),
+        attended=attended,
         gaze=gaze,
         head=head,
         total=total,
@@ -224,20 +223,6 @@ def measure_columns(scene: SceneColumns, tables: TableFiles, words: Words) -> Me
     )
 
 
-def _instances(scene: SceneColumns, people: Codes, ids: NDArray[np.int64], path: Path) -> Codes:
-    """The rows of the instances with these ids in the frames of people."""
-    at = scene.person_at[people]
-    rows = _find(scene, at, ids)
-    if (rows == UNKNOWN).any():
-        first = int(np.argmax(rows == UNKNOWN))
-        unknown = sorted({*ids[(rows == UNKNOWN) & (people == people[first])].tolist()})
-        raise VfoaError(
-            f"{path}: frame {scene.frames[at[first]]}: track {scene.tracks[people[first]]} attends to instances "
-            f"{unknown}, which are not in targets"
-        )
-    return rows
-
-
 def _find(scene: SceneColumns, at: Codes, ids: NDArray[np.int64]) -> Codes:
     """The rows of the instances with these ids in frames at these places; :data:`UNKNOWN` where there is none."""
     keys, wanted = _key(scene.instance_at, scene.instance_ids), _key(at, ids)
@@ -249,13 +234,6 @@ def _find(scene: SceneColumns, at: Codes, ids: NDArray[np.int64]) -> Codes:
 def _key(at: Codes, ids: NDArray[np.int64]) -> NDArray[np.int64]:
     """One number for a frame and an id of 32 bits."""
     return at.astype(np.int64) * 2**32 + ids + 2**31
-
-
-def _check_distinct(frames: NDArray[np.int64], at: Codes, ids: NDArray[np.int64], path: Path) -> None:
-    keys, counts = np.unique(_key(at, ids), return_counts=True)
-    if (counts > 1).any():
-        number = frames[keys[counts > 1][0] // 2**32]
-        raise VfoaError(f"{path}: frame {number}: expected distinct instance ids in targets")
 
 
 def _in_order(tables: TableFiles, name: str, columns: Sequence[str], frames: NDArray[np.int64]) -> tuple[Any, Codes]:

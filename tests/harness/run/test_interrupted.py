@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import signal
@@ -132,6 +133,19 @@ def test_the_lock_of_a_process_that_has_ended_is_taken_over_and_said(tmp_path: P
     with locked(tmp_path, said.append):
         pass
     assert said == [f"{tmp_path}: took over the lock of process 1234 on elsewhere, which has ended"]
+
+
+def test_a_full_disk_is_told_with_the_file_of_the_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", full)
+        with pytest.raises(OSError, match="No space left") as error, locked(tmp_path, print):
+            pass
+    assert error.value.filename == str(tmp_path / LOCK)
+    with locked(tmp_path, pytest.fail):  # nothing of it is left
+        pass
 
 
 def test_a_lock_that_is_released_as_it_is_asked_for_is_not_taken_over(

@@ -16,6 +16,7 @@ from vfoa.types import (
     HeadView,
     Instance,
     NoAttention,
+    NoGaze,
     Person,
     Scene,
     Subject,
@@ -36,7 +37,8 @@ def _result() -> FrameResult:
     )
     view = HeadView(head=Head(box_px=np.array([5.0, 6, 7, 8]), score=1.0), head_pose=None, gaze=None)
     seen = Person(view=view, instance_id=2, eye_origin_left=np.array([0.1, 0.2, 1 / 3]))
-    unseen = Person(view=view, instance_id=None, eye_origin_left=None)
+    turned_away = dataclasses.replace(view, no_gaze=NoGaze(cause="face_turned_away"))
+    unseen = Person(view=turned_away, instance_id=None, eye_origin_left=None)
     gaze = Gaze(direction=np.array([0.0, 0, 2]), sigma_rad=0.2)
     looking = Attention(
         subject=Subject(track_id=1, person=seen, gaze=gaze, head_pose=None, name="girl"),
@@ -58,6 +60,7 @@ def test_a_record_holds_the_frame_in_plain_exact_values() -> None:
     assert target.box is not None
     assert target.box.axes[0] == (0.0, 1.0, 0.0)
     girl, other = record.subjects
+    assert (girl.no_gaze, other.no_gaze) == (None, "face_turned_away")
     assert (girl.name, girl.instance_id, girl.eye_origin_m) == ("girl", 2, (0.1, 0.2, 1 / 3))
     assert (girl.gaze, girl.gaze_sigma_rad, girl.head, girl.focus) == ((0.0, 0.0, 1.0), 0.2, None, 4)
     assert (girl.attention[0].gaze, girl.attention[0].head, girl.attention[0].total) == (0.9, None, 0.9)

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from harness.run import table_files
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
+from harness.run.table_columns import ColumnReader
 from harness.run.table_files import is_known, numbers_of, read_table
 from harness.run.table_records import read_records
 from harness.run.tables import TABLES
@@ -182,6 +183,18 @@ def test_a_damaged_table_is_one_line_with_the_file(tmp_path: Path, place: str, d
         list(read_records(directory))
     assert str(paths[place]) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("column", "values"), [("focus", [1, 9]), ("targets", [[1], [9]])])
+def test_columns_of_answers_that_are_no_targets_are_refused(tmp_path: Path, column: str, values: list[object]) -> None:
+    directory = _run(tmp_path, _paired(*(frame_record([CUP, CAN], [GIRL], frame=frame) for frame in (1, 2))))
+    ((pair, paths),) = table_files.find_tables(directory)
+    reader = ColumnReader(directory, directory.read_manifest())
+    assert len(reader.read(pair, {}).focus) == 2
+    _rewritten(paths["answers"], _with_column(column, values))
+    with pytest.raises(VfoaError, match="no target of the frame") as caught:
+        ColumnReader(directory, directory.read_manifest()).read(pair, {})
+    assert str(paths["answers"]) in str(caught.value)
 
 
 def test_a_flipped_bit_is_an_error_or_without_effect(tmp_path: Path) -> None:
