@@ -182,8 +182,6 @@ def catalog(
     from harness.record.catalog import serving
 
     with ended_by_signals(), serving([run_folder(run) for run in runs], port) as catalogue:
-        for run in catalogue.unmarked:
-            say(f"vfoa: {run}: its recordings have no error types; `{vfoa_command('score', run)}` adds them", err=True)
         say(f"Serving until Ctrl-C: {', '.join(catalogue.datasets)}")
         say_forwarding(urlsplit(catalogue.address).port or port)
         say(f"Viewer: rerun {catalogue.address}")

@@ -289,8 +289,8 @@ frame. The timelines below show truth, answer and verdict over time.
 - **Green** marks what the person truly looks at, **red** a wrong answer: a box, and a line from the eyes to it.
   Of several objects of the true name, all are green if the label and the answer do not say which one is meant.
 - **Attention**: one curve per target, and with probabilities a grey one of looking at *none*; the highest is the
-  answer. Of several objects of a name it is the highest of them, of probabilities their sum, while the answer is one
-  object. The tabs beside it show the part of each cue.
+  answer. Of several objects of a name it is the highest of them, of probabilities their sum; the answer is the
+  likeliest of them. The tabs beside it show the part of each cue.
 
 A gap in a curve or a timeline: there is no value in these frames.
 """

@@ -40,14 +40,10 @@ _LINK = "recording link"
 
 
 class Catalogue(NamedTuple):
-    """A server that holds runs: its ``address`` for viewers and clients, and the runs' folders by dataset.
-
-    ``unmarked`` are runs whose recordings are without error types: they were scored by an earlier version.
-    """
+    """A server that holds runs: its ``address`` for viewers and clients, and the runs' folders by dataset."""
 
     address: str
     datasets: dict[str, Path]
-    unmarked: tuple[Path, ...]
 
 
 @contextmanager
@@ -65,13 +61,12 @@ def serving(runs: Sequence[Path], port: int = 0) -> Iterator[Catalogue]:
     with tempfile.TemporaryDirectory(prefix="vfoa-catalog-") as scratch:
         server = _server(port)
         try:
-            names, unmarked = _names(list(clips)), []
+            names = _names(list(clips))
             for number, (run, name) in enumerate(names.items()):
                 folder = Path(scratch) / str(number)
                 folder.mkdir()
-                if not _add(server, name, run, clips[run], folder):
-                    unmarked.append(run)
-            yield Catalogue(server.url(), {name: run for run, name in names.items()}, tuple(unmarked))
+                _add(server, name, run, clips[run], folder)
+            yield Catalogue(server.url(), {name: run for run, name in names.items()})
         finally:
             server.shutdown()
 
@@ -96,23 +91,20 @@ def _names(runs: Sequence[Path]) -> dict[Path, str]:
     return names
 
 
-def _add(server: Server, name: str, run: Path, clips: Sequence[RecordedClip], folder: Path) -> bool:
-    """Add a run; False if its recordings are without error types."""
+def _add(server: Server, name: str, run: Path, clips: Sequence[RecordedClip], folder: Path) -> None:
     dataset = server.client().create_dataset(name)
-    settings, layers, has_errors = _settings(RunDirectory(run).read_manifest()), dict[Path, str](), True
+    settings, layers = _settings(RunDirectory(run).read_manifest()), dict[Path, str]()
     for clip in clips:
         by_name = clip.layer_files()
         layers |= {file: layer for layer, file in by_name.items()}
         verdicts = (clip.files.verdicts(each.configuration) for each in clip.layers)
         properties = [RecordingFile(path).properties() for path in verdicts if path.is_file()]
-        has_errors &= all("commonest_error" in known or not known.get("wrong") for known in properties)
         labelled = max(map(_count, properties), default=0)
         about = {RUN: {"run": name, "clip": clip.files.clip, "labelled": labelled}}
         about |= {name: {"settings": text} for name, text in settings.items() if text}
         layers[_write_properties(folder / f"{clip.files.clip}.rrd", next(iter(by_name.values())), about)] = RUN
     _register(dataset, layers)
     _set_layouts(dataset, clips, folder)
-    return has_errors
 
 
 def _count(known: Mapping[str, Any]) -> int:

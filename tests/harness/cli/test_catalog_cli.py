@@ -15,11 +15,9 @@ from collections.abc import Iterator
 from contextlib import redirect_stdout
 from importlib import util
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from harness.record import verdict_layer
 from harness.record.catalog import serving
 from harness.record.composed import find_clips
 from harness.record.layers import ClipFiles
@@ -53,7 +51,6 @@ def served(run: Path) -> Iterator[tuple[str, Path]]:
     shutil.copytree(run, copy)
     with serving([run, copy]) as catalogue:
         assert list(catalogue.datasets.items()) == [("demo", run), ("demo-2", copy)]
-        assert catalogue.unmarked == ()
         assert catalogue.address.startswith("rerun+http://127.0.0.1:")
         yield catalogue.address, run
 
@@ -132,18 +129,10 @@ def test_the_table_has_properties_to_sort_by_and_a_layout(served: tuple[str, Pat
 
 
 @needs_datafusion
-def test_recordings_without_error_types_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As an earlier version wrote them; the names have spaces, slashes and letters that a path escapes."""
-    written = verdict_layer._properties
-
-    def of_before(*given: Any) -> dict[str, Any]:
-        return {key: value for key, value in written(*given).items() if key != "commonest_error"}
-
-    new = write_run(tmp_path / "new", {"two cones": four_frames()}).run
-    monkeypatch.setattr("harness.record.verdict_layer._properties", of_before)
-    old = write_run(tmp_path / "old", {"two cones": four_frames()}).run
-    with serving([new, old]) as catalogue:
-        assert catalogue.unmarked == (old,)
+def test_names_are_those_of_the_run(tmp_path: Path) -> None:
+    """They have spaces, slashes and letters that a path escapes."""
+    runs = [write_run(tmp_path / name, {"two cones": four_frames()}).run for name in ("new", "old")]
+    with serving(runs) as catalogue:
         rates, errors = _asked(catalogue.address)
     assert [(row["run"], row["configuration"], row["n"], row["frr"]) for row in rates] == [
         ("new", "two cones", "4", "0.250000"),

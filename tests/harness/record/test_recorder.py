@@ -163,6 +163,38 @@ def test_hits_lie_where_rays_enter_boxes(frames, record_run, read_back):
     np.testing.assert_allclose(local.max(axis=1), 1, atol=1e-5)
 
 
+def test_rays_end_where_they_enter_the_first_box_and_missed_ones_with_their_cone(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    attention = frames[0].result.attentions[0]
+    for cue in ("gaze", "head"):
+        ours = np.array([cone.cue == cue for cone in attention.cones])[attention.rays.cone_index]
+        directions, entry = attention.rays.directions[ours], attention.rays.entry_m[ours]
+        hit = np.isfinite(entry).any(axis=1)
+        rays, missed = (
+            np.array(columns.at(entities.subject_3d(CONFIGURATION, ANN, cue, part), "LineStrips3D:strips")[10])
+            for part in ("rays", "missed_rays")
+        )
+        assert np.ptp([*rays[:, 0], *missed[:, 0]], axis=0) == pytest.approx(0)
+        ways = [lines[:, 1] - attention.rays.origin_left for lines in (rays, missed)]
+        np.testing.assert_allclose(ways[0], directions[hit] * np.nanmin(entry[hit], axis=1)[:, None], atol=1e-5)
+        lengths = np.linalg.norm(ways[1], axis=1)
+        assert np.ptp(lengths) < 1e-5
+        np.testing.assert_allclose(ways[1] / lengths[:, None], directions[~hit][::2], atol=1e-5)
+
+
+def test_a_head_has_its_box_in_the_image_and_an_answer_its_words_above_it(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    head = entities.head_box(CONFIGURATION, ANN)
+    assert columns.at(head, "Boxes2D:centers")[10] == [[10, 27]]
+    assert columns.at(head, "Boxes2D:half_sizes")[10] == [[8, 7]]
+    label = entities.answer_3d(CONFIGURATION, ANN, "truth", "label")
+    ((u, height, depth),) = columns.at(label, "Points3D:positions")[10]
+    box = frames[0].record.target(2).box
+    assert (u, depth) == pytest.approx((box.center_m[0], box.center_m[2]))
+    assert height < box.center_m[1] - box.half_size_m[1]
+    assert columns.at(label, "Points3D:labels")[10] == ["truth: red cup"]
+
+
 def test_verdicts_are_lanes_and_warnings(frames, record_run, read_back):
     columns = read_back(record_run(frames))
     lane = columns.at(entities.verdict(CONFIGURATION, ANN, "verdict"), "StateChange:state")
