@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from harness.files.io import check_fetched, read_bytes
-from harness.files.parsing import parse_json
+from harness.files.io import check_fetched
 from harness.files.safe_names import shell_command
 from harness.sources.recordings.containers import is_zstd, starts_with
 from harness.sources.recordings.mcap_files import MAGIC, refuse_damaged
 from vfoa.errors import VfoaError
 
 _ZSTD_SUFFIXES = (".zst", ".zstd")
-_MOST_JSON_BYTES = 2**24
 _RIGID_BODIES = "rigid bodies: the CSV of Motive or Vicon Tracker, or the TSV of QTM's 6DOF data"
 _RECORDINGS = {
     ".svo": (
@@ -43,8 +39,6 @@ def refuse_foreign(path: Path) -> None:
     if (known := _RECORDINGS.get(path.suffix.lower())) is not None and not starts_with(path, MAGIC):
         kind, instead = known
         raise VfoaError(f"{path}: {kind}, which is not read; expected {instead}")
-    if path.suffix.lower() == ".json" and (what := _foxglove(path)):
-        raise VfoaError(f"{path}: {what} of Foxglove in JSON, no recording; expected the MCAP file or bag itself")
 
 
 def _refuse_packed(path: Path) -> None:
@@ -57,19 +51,3 @@ def _refuse_packed(path: Path) -> None:
             f"{file}: compressed as a whole (zstd; rosbag2's --compression-mode file); expected the folder with its "
             f"metadata.yaml, or the file unpacked: {shell_command('zstd', '-d', file, '-o', plain)}"
         )
-
-
-def _foxglove(path: Path) -> str | None:
-    """What a JSON file of Foxglove holds; None for another file."""
-    if path.stat().st_size > _MOST_JSON_BYTES:
-        return None
-    try:
-        content: Any = parse_json(read_bytes(path), path)
-    except VfoaError:
-        return None
-    first = content[0] if isinstance(content, list) and content else content
-    if not isinstance(first, Mapping):
-        return None
-    if {"configById", "layout"} <= first.keys():
-        return "a layout"
-    return "messages" if {"timestamp", "frame_id"} <= first.keys() else None

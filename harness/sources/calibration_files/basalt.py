@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from harness.sources.calibration_files.documents import Document, expect_names, numbers
+from harness.sources.calibration_files.documents import Document, expect_names, named_numbers, numbers
 from harness.sources.rectification import Model, RawCalibration, RawCamera, motion_of, rectify_pose
 from vfoa.errors import VfoaError, check_known
 from vfoa.geometry import rotation_of
 from vfoa.types import Float
 
 PROGRAM = "Basalt"
+_EXPECTED = f"the calibration of {PROGRAM}"
 _MODELS: Mapping[str, tuple[Model, tuple[str, ...]]] = {
     "pinhole": ("plumb_bob", ()),
     "pinhole-radtan8": ("plumb_bob", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
@@ -42,7 +43,7 @@ def basalt_pair(document: Document, cameras: tuple[int, int], where: str) -> Raw
         If a camera or a value is missing or wrong, or a camera's model is not one that OpenCV has.
     """
     values = document["value0"]
-    expect_names(values, _KEYS, where, f"the calibration of {PROGRAM}")
+    expect_names(values, _KEYS, where, _EXPECTED)
     count = min(len(values[key]) if isinstance(values[key], list) else 0 for key in _KEYS)
     if unknown := [number for number in cameras if not 0 <= number < count]:
         raise VfoaError(f"{where}: no camera {unknown[0]}; found {count} cameras, from 0")
@@ -55,16 +56,16 @@ def basalt_pair(document: Document, cameras: tuple[int, int], where: str) -> Raw
 def _camera(values: Mapping[str, Any], number: int, where: str) -> RawCamera:
     of_camera = values["intrinsics"][number]
     of_camera = of_camera if isinstance(of_camera, Mapping) else {}
-    expect_names(of_camera, ("camera_type", "intrinsics"), where, f"the calibration of {PROGRAM}")
+    expect_names(of_camera, ("camera_type", "intrinsics"), where, _EXPECTED)
     kind, intrinsics = str(of_camera["camera_type"]), of_camera["intrinsics"]
     check_known(kind, [*_MODELS], f"{where}: camera_type: no")
     model, coefficients = _MODELS[kind]
-    fx, fy, cx, cy = _named(intrinsics, ("fx", "fy", "cx", "cy"), where)
+    fx, fy, cx, cy = named_numbers(intrinsics, ("fx", "fy", "cx", "cy"), where, _EXPECTED)
     width, height = numbers(values["resolution"][number], f"{where}: resolution", 2)
     return RawCamera(
         size_px=(int(width), int(height)),
         k=np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
-        d=np.array(_named(intrinsics, coefficients, where)),
+        d=np.array(named_numbers(intrinsics, coefficients, where, _EXPECTED)),
         model=model,
     )
 
@@ -72,13 +73,7 @@ def _camera(values: Mapping[str, Any], number: int, where: str) -> RawCamera:
 def _pose(value: Any, where: str) -> Float:
     """imu_from_camera (4, 4)."""
     where = f"{where}: T_imu_cam"
-    quaternion = _named(value, ("qx", "qy", "qz", "qw"), where)
+    quaternion = named_numbers(value, ("qx", "qy", "qz", "qw"), where, _EXPECTED)
     if not any(quaternion):
         raise VfoaError(f"{where}: found a quaternion of zeros; expected a rotation")
-    return motion_of(rotation_of(quaternion), _named(value, ("px", "py", "pz"), where))
-
-
-def _named(values: Any, names: tuple[str, ...], where: str) -> list[float]:
-    table = values if isinstance(values, Mapping) else {}
-    expect_names(table, names, where, f"the calibration of {PROGRAM}")
-    return [float(numbers(table[name], f"{where}: {name}", 1)[0]) for name in names]
+    return motion_of(rotation_of(quaternion), named_numbers(value, ("px", "py", "pz"), where, _EXPECTED))

@@ -311,6 +311,13 @@ def expect_names(document: Document, names: tuple[str, ...], where: str, expecte
         raise VfoaError(f"{where}: no {missing}; expected {expected}")
 
 
+def named_numbers(table: Any, names: tuple[str, ...], where: str, expected: str) -> list[float]:
+    """The numbers of these names; a :class:`VfoaError` for the first that is missing, or no number."""
+    values = table if isinstance(table, Mapping) else {}
+    expect_names(values, names, where, expected)
+    return [float(numbers(values[name], f"{where}: {name}", 1)[0]) for name in names]
+
+
 # EuRoC's sensor.yaml, one file per camera, and Kalibr's camera chain
 
 _KALIBR_CAMERA = re.compile(r"cam\d+")

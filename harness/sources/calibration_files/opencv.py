@@ -61,6 +61,7 @@ _KINDS_OF_LENSES = {
     **dict.fromkeys(("pinhole", "plumb", "brown", "radtan", "rational"), False),
 }
 """Parts of what people call a model of lenses, and whether it is that of cv2.fisheye; the first one counts."""
+_MODELS: dict[bool, Model] = {True: "equidistant", False: "plumb_bob"}
 
 
 def opencv_pair(
@@ -131,37 +132,46 @@ def _pair(document: Document, size: ImageSize, where: str, *, rectified: bool, f
     unrectified = [
         name for name in ("R", "T", "D1", "D2", "R1", "R2") if name in matrices and not _is_trivial(matrices[name])
     ]
-    if matrices.keys() >= {"P1", "P2"} and (rectified or not unrectified):
+    is_bare = not unrectified
+    if matrices.keys() >= {"P1", "P2"} and (rectified or is_bare):
         left, right = (_of_shape(matrices, f"P{number}", where) for number in "12")
         return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
-    has_lens = bool(unrectified) or any(role_of(name) is None and _OF_LENS.search(bare_name(name)) for name in document)
-    if matrices.keys() >= {"K1", "K2"} and not has_lens and (baseline := _baseline(document, where)) is not None:
+    if matrices.keys() >= {"K1", "K2"} and is_bare and (baseline := _baseline_of_bare(document, where)) is not None:
         left, right = (np.hstack([_of_shape(matrices, f"K{number}", where), np.zeros((3, 1))]) for number in "12")
         right[0, 3] = -right[0, 0] * baseline
         return from_projections(left, right, f"{where}: K1 and K2", size_px=size_px)
-    is_fisheye = says_fisheye(document) if fisheye is None else fisheye
-    model: Model = "equidistant" if is_fisheye else "plumb_bob"
     is_rectifying, is_posed = (matrices.keys() >= {*_LENSES, *names} for names in _WAYS)
-    if is_rectifying or is_posed:
-        if is_fisheye is None:
-            columns = [name for name in document if role_of(name) in ("D1", "D2")]
-            _check_lenses_are_told(document, columns, where, "in [source]")
-        size_px = size_px or size()
-        first, second = (
-            RawCamera(
-                size_px=size_px,
-                k=_of_shape(matrices, f"K{number}", where),
-                d=matrices[f"D{number}"].ravel(),
-                model=model,
-            )
-            for number in "12"
-        )
-    if is_rectifying:
-        r1, r2, p1, p2 = (_of_shape(matrices, name, where) for name in _RECTIFICATION)
-        return RawCalibration(left=replace(first, r=r1, p=p1), right=replace(second, r=r2, p=p2), where=where)
-    if is_posed:
+    if not is_rectifying and not is_posed:
+        raise _lacking(document, matrices, unset, unrectified, where)
+    first, second = _raw_cameras(document, matrices, lambda: size_px or size(), where, fisheye)
+    if not is_rectifying:
         return _posed(first, second, matrices, where)
-    raise _lacking(document, matrices, unset, unrectified, where)
+    r1, r2, p1, p2 = (_of_shape(matrices, name, where) for name in _RECTIFICATION)
+    return RawCalibration(left=replace(first, r=r1, p=p1), right=replace(second, r=r2, p=p2), where=where)
+
+
+def _baseline_of_bare(document: Document, where: str) -> float | None:
+    """The distance of cameras without lenses, in the file's own unit; None if it says none, or names a lens."""
+    has_lens = any(role_of(name) is None and _OF_LENS.search(bare_name(name)) for name in document)
+    return None if has_lens else _baseline(document, where)
+
+
+def _raw_cameras(
+    document: Document, matrices: Mapping[str, Float], size: ImageSize, where: str, fisheye: bool | None
+) -> tuple[RawCamera, RawCamera]:
+    """Both cameras with their lenses, which are those of cv2.fisheye if ``fisheye``, or if the file says so."""
+    is_fisheye = says_fisheye(document) if fisheye is None else fisheye
+    if is_fisheye is None:
+        columns = [name for name in document if role_of(name) in ("D1", "D2")]
+        _check_lenses_are_told(document, columns, where, "in [source]")
+    size_px, model = size(), _MODELS[bool(is_fisheye)]
+    first, second = (
+        RawCamera(
+            size_px=size_px, k=_of_shape(matrices, f"K{number}", where), d=matrices[f"D{number}"].ravel(), model=model
+        )
+        for number in "12"
+    )
+    return first, second
 
 
 def _posed(first: RawCamera, second: RawCamera, matrices: Mapping[str, Float], where: str) -> RawCalibration:

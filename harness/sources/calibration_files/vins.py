@@ -15,7 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.sources.calibration_files.documents import Document, expect_names, numbers, pose_of, read_document
+from harness.sources.calibration_files.documents import (
+    Document,
+    expect_names,
+    named_numbers,
+    numbers,
+    pose_of,
+    read_document,
+)
 from harness.sources.calibration_files.texts import IncompleteCalibrationError
 from harness.sources.rectification import Model, RawCalibration, RawCamera, rectify_pose
 from vfoa.errors import VfoaError
@@ -85,9 +92,7 @@ def _camera(configuration: Path, number: int, name: str) -> RawCamera:
     if "\0" in name or not path.is_file():
         raise VfoaError(f"{configuration}: cam{number}_calib: no file {path}; expected the camera's file beside it")
     document = read_document(path)
-    expect_names(
-        document, ("model_type", _OF_CAMERA, "image_width", "image_height"), str(path), "a camera of camodocal"
-    )
+    expect_names(document, ("model_type", _OF_CAMERA, "image_width", "image_height"), str(path), _LENS_FILE)
     kind = str(document["model_type"])
     if kind not in _MODELS:
         raise VfoaError(
@@ -95,20 +100,13 @@ def _camera(configuration: Path, number: int, name: str) -> RawCamera:
             f"{', '.join(_MODELS)}: calibrate the cameras again as one of these"
         )
     model, of_matrix, table, of_lens = _MODELS[kind]
-    fx, fy, cx, cy = _named(document, _OF_CAMERA, of_matrix, path)
+    fx, fy, cx, cy = named_numbers(document[_OF_CAMERA], of_matrix, f"{path}: {_OF_CAMERA}", _LENS_FILE)
     width, height = (
         int(numbers(document[f"image_{side}"], f"{path}: image_{side}", 1)[0]) for side in ("width", "height")
     )
     return RawCamera(
         size_px=(width, height),
         k=np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
-        d=np.array(_named(document, table, of_lens, path)),
+        d=np.array(named_numbers(document.get(table), of_lens, f"{path}: {table}", _LENS_FILE)),
         model=model,
     )
-
-
-def _named(document: Document, table: str, names: tuple[str, ...], path: Path) -> list[float]:
-    values, where = document.get(table), f"{path}: {table}"
-    values = values if isinstance(values, Mapping) else {}
-    expect_names(values, names, where, _LENS_FILE)
-    return [float(numbers(values[name], f"{where}: {name}", 1)[0]) for name in names]

@@ -10,7 +10,10 @@ import pytest
 
 from harness.sources import azure_kinect
 from harness.sources.azure_kinect import AzureKinectClip, AzureKinectSettings, colour_camera, depth_camera
+from harness.sources.depth_optics import DepthRegistration
+from harness.sources.rectification import RawCamera
 from tests.kinect import FOLDER, kinect_recording
+from tests.scenes import make_rig
 from vfoa.errors import VfoaError
 
 
@@ -36,6 +39,21 @@ def test_a_recording_is_colour_with_depth_in_it(tmp_path: Path) -> None:
         assert depth_m[round(v), round(u)] == pytest.approx(z, abs=1e-3)
         assert depth_m[round(v), 500] == pytest.approx(1.5, abs=0.05)
         assert np.isnan(depth_m[:, :20]).all(), "the depth camera does not see that far to the left"
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+def test_depth_of_the_colour_camera_s_own_place_fills_its_image(scale: int) -> None:
+    """To the border, also where the image has more pixels; two pixels to the right where it is so far to the left."""
+    depth_m = np.random.default_rng(0).uniform(1, 4, (6, 8)).astype(np.float32)
+    k = np.array([[80, 0, 3.5], [0, 80, 2.5], [0, 0, 1.0]])
+    source, target = RawCamera(size_px=(8, 6), k=k, d=np.zeros(0)), make_rig(8 * scale, 6 * scale, fx_px=80 * scale)
+    expected = depth_m.repeat(scale, axis=0).repeat(scale, axis=1)
+    np.testing.assert_allclose(DepthRegistration(source, target, np.eye(4)).register(depth_m), expected, rtol=1e-6)
+    level, aside = np.full_like(depth_m, 2.0), np.eye(4)
+    aside[0, 3] = 2 * 2.0 / 80
+    moved = DepthRegistration(source, target, aside).register(level)
+    assert np.isnan(moved[:, : 2 * scale]).all()
+    np.testing.assert_allclose(moved[:, 2 * scale :], 2.0)
 
 
 SDK_COLOUR = {

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from harness.sources.calibration import Calibration
 from harness.sources.rectification import (
     RawCalibration,
     RawCamera,
@@ -43,6 +45,15 @@ def test_points_of_half_size_images_are_rectified_to_half_the_place() -> None:
         found = cv2.undistortPoints(of_half[:, None], small.k, small.d, R=small.r, P=small.p)[:, 0]
         np.testing.assert_allclose(found, (whole + 0.5) / 2 - 0.5, atol=1e-4)
     assert half.rectified().baseline_m == pytest.approx(cameras.rectified().baseline_m)
+
+
+@pytest.mark.parametrize("size", [HALF, (3 * SIZE[0], 3 * SIZE[1])])
+def test_a_rectified_pair_scales_as_its_cameras_do(size: tuple[int, int]) -> None:
+    cameras = _cameras()
+    found, expected = scaled_to(cameras.rectified(), size), scaled_to(cameras, size).rectified()
+    assert isinstance(found, Calibration)
+    assert found.size_px == expected.size_px == size
+    assert asdict(replace(found, size_px=None)) == pytest.approx(asdict(replace(expected, size_px=None)))
 
 
 def test_its_own_size_changes_nothing() -> None:

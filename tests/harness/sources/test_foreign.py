@@ -14,9 +14,8 @@ from harness.sources.recordings.clip import McapClip, open_container
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
-POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
-LAYOUT = {"configById": {}, "globalVariables": {}, "layout": "3D!1"}
 MESSAGE = {"timestamp": {"sec": 1, "nsec": 0}, "frame_id": "left", "data": "", "format": "jpeg"}
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.db3", "a.mp4", "a.mkv"])
@@ -69,13 +68,6 @@ def test_a_file_that_does_not_begin_as_a_recording_is_named(name: str, kind: str
         refuse_foreign(write_text(tmp_path / name, "hello"))
     with pytest.raises(VfoaError, match=rf"{name}: not {kind}.*: it starts with b''; .*: copy it again"):
         refuse_foreign(write_text(tmp_path / name, ""))
-
-
-@pytest.mark.parametrize(("content", "what"), [(LAYOUT, "a layout"), (MESSAGE, "messages"), ([MESSAGE], "messages")])
-def test_json_of_foxglove_is_named(content: object, what: str, tmp_path: Path) -> None:
-    path = write_text(tmp_path / "a.json", json.dumps(content))
-    with pytest.raises(VfoaError, match=rf"a\.json: {what} of Foxglove in JSON"):
-        refuse_foreign(path)
 
 
 @pytest.mark.parametrize("text", ['{"fx": 100}', "[]", "3", "{"])

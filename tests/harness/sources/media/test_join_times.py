@@ -1,9 +1,10 @@
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.sources.media.frame_times import join_times
+from harness.sources.media.frame_times import join_times, stamp_unit
 
 STAMPS = st.lists(st.integers(0, 1000), max_size=30).map(sorted)
 
@@ -18,11 +19,35 @@ def test_pairs_are_close_in_order_and_use_nothing_twice(left: list[int], right: 
 
 @given(
     numbers=st.sets(st.integers(1, 40), min_size=1),
-    dropped=st.sets(st.integers(1, 40)),
+    dropped=st.tuples(st.sets(st.integers(1, 40)), st.sets(st.integers(1, 40))),
     jitter=st.lists(st.integers(-4, 4), min_size=41, max_size=41),
+    tolerance=st.integers(4, 5),
 )
-def test_every_frame_that_both_sides_have_is_found(numbers: set[int], dropped: set[int], jitter: list[int]) -> None:
-    left = [10 * n for n in sorted(numbers)]
-    kept = sorted(numbers - dropped)
-    pairs = join_times(left, [10 * n + jitter[n] for n in kept], 4)
-    assert [left[one] for one, _ in pairs] == [10 * n for n in kept]
+def test_every_frame_that_both_sides_have_is_found(
+    numbers: set[int], dropped: tuple[set[int], set[int]], jitter: list[int], tolerance: int
+) -> None:
+    left, right = (sorted(numbers - gone) for gone in dropped)
+    pairs = join_times([10 * n for n in left], [10 * n + jitter[n] for n in right], tolerance)
+    assert [(left[one], right[other]) for one, other in pairs] == [(n, n) for n in left if n in right]
+
+
+def test_a_time_without_a_pair_leaves_the_nearer_one_to_its_neighbour() -> None:
+    assert join_times([20], [16, 21], 10) == [(0, 1)]
+    assert join_times([16, 21], [20], 10) == [(1, 0)]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "unit"),
+    [
+        ((1718000000, 1718000001), "s"),
+        ((1718000000123, 1718000000163), "ms"),
+        ((1718000000123456, 1718000000163456), "us"),
+        ((1718000000123456789, 1718000000163456789), "ns"),
+        ((1500000000, 1500040000), None),  # a camera's microseconds since it was started
+        ((3000000000, 3000000001), None),  # of 2065
+        ((999999999, 1000000000), None),
+        ((1, 2), None),
+    ],
+)
+def test_the_unit_of_times_since_1970_is_told_by_their_digits(numbers: tuple[int, int], unit: str | None) -> None:
+    assert stamp_unit(numbers) == unit
