@@ -45,7 +45,7 @@ class Track:
 
     id: int
     box_px: Float | None
-    instance_id: int | None = None
+    instance_id: int | None
     missed: int = 0
 
     def followed(self, person: Person) -> Track:
@@ -107,8 +107,7 @@ class Tracker:
         ids = {place: track_id for track_id, place in places.items()}
         for new_id, (place, person) in enumerate(free.items(), start=self._begun + 1):
             ids[place] = new_id
-            known = person.instance_id if person.head is None else None
-            tracks.append(Track(id=new_id, box_px=_box_px(person), instance_id=known))
+            tracks.append(Track(id=new_id, box_px=_box_px(person), instance_id=person.instance_id))
 
         self._open, self._begun = tuple(tracks), self._begun + len(free)
         return Tracked(

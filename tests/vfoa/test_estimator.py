@@ -83,6 +83,13 @@ def test_a_follower_carries_the_memory_over_frames(percepts: Percepts) -> None:
     assert [look.track_id for each in followed for look in each.looks] == [1, 1, 1]
 
 
+def test_a_frame_without_a_time_comes_a_25th_of_a_second_after_the_one_before(percepts: Percepts) -> None:
+    follower = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH).follow(percepts.rig)
+    times_ns: tuple[int | None, ...] = (None, None, 10**9, None)
+    found = [follower.step(BLACK, BLACK, time_ns=time_ns).result.scene.time_ns for time_ns in times_ns]
+    assert found == [0, 40_000_000, 1_000_000_000, 1_040_000_000]
+
+
 def test_a_follower_segments_key_frames_and_each_sequence_has_its_own(percepts: Percepts) -> None:
     estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH, key_frames=KeyFrameSettings(every=2))
     for _ in range(2):

@@ -95,13 +95,27 @@ def test_an_object_is_the_one_that_it_overlaps_most() -> None:
     assert numbers([before, after]) == [{1: 1, 2: 2}, {2: 1, 1: 2}]
 
 
+@pytest.mark.parametrize("missed", [0, 1, PATIENCE])
 @pytest.mark.parametrize(("by", "is_same"), [(10, True), (11, False)])
-def test_masks_of_two_frames_are_one_object_if_they_overlap_enough(by: int, is_same: bool) -> None:
+def test_masks_of_two_frames_are_one_object_if_they_overlap_enough(by: int, is_same: bool, missed: int) -> None:
     share = (20 - by) / (20 + by)
     assert (share >= SAME_OBJECT) == is_same
     another = {2: (150, 30)}  # two cups: neither is alone with its label
-    _, last = numbers([frame({1: (50, 20), **another}), frame({1: (50 + by, 20), **another})])
+    between = [frame(another)] * missed
+    *_, last = numbers([frame({1: (50, 20), **another}), *between, frame({1: (50 + by, 20), **another})])
     assert (last[1] == 1) == is_same
+
+
+@pytest.mark.parametrize("named", [0, 1])
+def test_an_object_of_a_name_of_its_own_is_none_that_has_another_label_in_its_place(named: int) -> None:
+    """The shape of a robot, drawn in one of two frames, and what a model calls a bowl there."""
+    shape, bowl = frame({1: (50, 20)}, {1: "robot"}, {1: "robo"}), frame({1: (50, 20)}, {1: "bowl"})
+    assert numbers([shape, bowl] if named == 0 else [bowl, shape]) == [{1: 1}, {1: 2}]
+
+
+def test_an_object_of_a_name_of_its_own_is_not_any_other_of_its_label() -> None:
+    drawn, found = frame({1: (50, 20), 2: (150, 30)}, names={1: "mug"}), frame({1: (100, 20), 2: (150, 30)})
+    assert numbers([drawn, found]) == [{1: 1, 2: 2}, {1: 3, 2: 2}]
 
 
 def test_an_object_that_is_alone_with_its_label_is_the_same_wherever_it_is() -> None:

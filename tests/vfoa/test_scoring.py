@@ -89,6 +89,12 @@ def test_one_kind_of_label_alone_is_its_balanced_rate() -> None:
     assert "nan" not in str(scored)
 
 
+def test_an_answer_in_whose_frame_all_probabilities_are_empty_is_refused() -> None:
+    """They would be those of a sure nowhere."""
+    with pytest.raises(VfoaError, match="expected values from 0 to 1, found nan"):
+        vfoa.score(["cup", "cup"], ["cup", "cup"], {"cup": [0.9, math.nan], "book": [0.1, math.nan]})
+
+
 @pytest.mark.parametrize("missing", [None, "", math.nan, np.float64("nan"), pd.NA, pd.NaT])
 def test_an_empty_cell_of_a_table_is_no_answer(missing: object) -> None:
     answers = pd.Series(["cup", missing, "book"], dtype=object)

@@ -115,7 +115,7 @@ def test_a_small_cube_spreads_as_its_near_face_at_any_distance(distance):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_large_near_box_has_the_middle_of_many_rays(half, from_middle, seed):
     """Nearer than its own corners: of the rays to all sides only every tenth would meet it."""
-    rng = np.random.default_rng(seed)
+    rng, from_middle = np.random.default_rng(seed), np.array(from_middle) * (-1) ** seed  # from either side
     rotation = Rotation.random(rng=rng).as_matrix()
     box = make_box((0, 0, 2), half, rotation)
     eyes = box.center_m + rotation @ from_middle
