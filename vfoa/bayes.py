@@ -22,7 +22,7 @@ from pydantic import Field
 
 from vfoa.geometry import sigma_rad
 from vfoa.instance_tracking import frames_missed
-from vfoa.methods import NO_NAMES, MethodSettings, answer_of, boxes_of_others, revised
+from vfoa.methods import MethodSettings, answer_of, boxes_of_others, revised
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered, smoothed, update
@@ -38,7 +38,7 @@ _SHARPEST_RAD = float(np.deg2rad(0.01))
 
 
 class BayesSettings(MethodSettings):
-    """Settings of :func:`infer_attentions`."""
+    """Settings of :class:`Posterior`."""
 
     counts_with: ClassVar[CountsWith] = {"look_ahead_s": ("smoothing", ("both",))}
 
@@ -76,7 +76,7 @@ class Sights(NamedTuple):
     """The targets of a frame, then those of the last frames that it misses; and the known eye origins (3,) of people.
 
     ``missed`` is how long each was not seen, by instance id, in the order of the targets; ``time_ns`` is the time
-    of the frame, nanoseconds (None: unknown).
+    of the frame, nanoseconds (None: before the first one).
     """
 
     targets: tuple[Target, ...] = ()
@@ -84,23 +84,21 @@ class Sights(NamedTuple):
     missed: Mapping[int, Gap] = {}
     time_ns: int | None = None
 
-    def then(
-        self, subject: Subject, targets: tuple[Target, ...], eyes: Mapping[int, Float], time_ns: int | None
-    ) -> Sights:
+    def then(self, subject: Subject, scene: Scene, eyes: Mapping[int, Float]) -> Sights:
         """Return those of the next frame: without targets that have no box, and without the subject's own body."""
-        boxes = boxes_of_others(subject, targets)
-        missed = frames_missed(self.missed, boxes, seconds_between(self.time_ns, time_ns))
+        boxes = boxes_of_others(subject, scene.targets)
+        missed = frames_missed(self.missed, boxes, seconds_between(self.time_ns, scene.time_ns))
         missed.pop(subject.person.instance_id or 0, None)
         known = dict(zip(self.missed, self.targets, strict=True))
-        known |= {target.instance.id: target for target in targets if target.instance.id in boxes}
+        known |= {target.instance.id: target for target in scene.targets if target.instance.id in boxes}
         eyes = {number: place for number, place in {**self.eyes, **eyes}.items() if number in missed}
-        return Sights(tuple(known[number] for number in missed), eyes, missed, time_ns)
+        return Sights(tuple(known[number] for number in missed), eyes, missed, scene.time_ns)
 
 
 class HeldBelief(NamedTuple):
     """A person's belief after a frame, and what the next frame starts from.
 
-    ``counted`` is the last belief that counts and ``time_ns`` its time, nanoseconds (None: unknown); ``sights`` are the
+    ``counted`` is the last belief that counts and ``time_ns`` its time, nanoseconds; ``sights`` are the
     targets of the frame.
     """
 
@@ -127,39 +125,26 @@ class Posterior:
     def attend(
         self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[HeldBelief | None, ...]
     ) -> tuple[tuple[Attention, ...], tuple[HeldBelief | None, ...]]:
-        """Compute every subject's attention in one frame: :func:`infer_attentions`."""
-        return infer_attentions(subjects, scene.targets, states, self._settings, scene.time_ns, scene.names)
+        """Compute every subject's attention in one frame, and the belief that the next frame starts from.
+
+        A frame without a belief leaves it as it was; with ``smoothing = "off"`` there never is one.
+
+        ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
+        rest up to 1, also that of remembered targets. The focus is the likeliest of them, by the targets' names
+        (:func:`vfoa.methods.likeliest`). The total is divided between the cues by their precision. ``belief`` is the
+        input of :func:`smooth`; ``fit`` says how well the directions fit the belief.
+        """
+        eyes = eyes_of(subjects)
+        attentions, after = [], []
+        for subject, before in zip(subjects, states, strict=True):
+            attention, held = _infer(subject, scene, eyes, before, self._settings)
+            attentions.append(attention)
+            after.append(before if held is None or self._settings.smoothing == "off" else held)
+        return tuple(attentions), tuple(after)
 
     def revise(self, window: Sequence[FrameResult], count: int) -> list[FrameResult]:
         """Return the first frames with every subject's attention given the whole window: :func:`smooth`."""
         return smooth(window, count, self._settings)
-
-
-def infer_attentions(
-    subjects: tuple[Subject, ...],
-    targets: tuple[Target, ...],
-    states: tuple[HeldBelief | None, ...],
-    settings: BayesSettings,
-    time_ns: int | None = None,
-    names: Mapping[int, str] = NO_NAMES,
-) -> tuple[tuple[Attention, ...], tuple[HeldBelief | None, ...]]:
-    """Compute every subject's attention in one frame, and the belief that the next frame starts from.
-
-    ``states`` are the subjects' beliefs so far, None for a person who has none. A frame without a belief leaves it as
-    it was; with ``smoothing = "off"`` there never is one.
-
-    ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
-    rest up to 1, also that of remembered targets. The focus is the likeliest of them, by ``names``
-    (:func:`vfoa.methods.likeliest`). The total is divided between the cues by their precision. ``belief`` is the input
-    of :func:`smooth`; ``fit`` says how well the directions fit the belief.
-    """
-    eyes = eyes_of(subjects)
-    attentions, after = [], []
-    for subject, before in zip(subjects, states, strict=True):
-        attention, held = _infer(subject, targets, eyes, before, settings, time_ns, names)
-        attentions.append(attention)
-        after.append(before if held is None or settings.smoothing == "off" else held)
-    return tuple(attentions), tuple(after)
 
 
 def smooth(window: Sequence[FrameResult], count: int, settings: BayesSettings) -> list[FrameResult]:
@@ -182,22 +167,16 @@ def smooth(window: Sequence[FrameResult], count: int, settings: BayesSettings) -
 
 
 def _infer(
-    subject: Subject,
-    targets: tuple[Target, ...],
-    eyes: Mapping[int, Float],
-    before: HeldBelief | None,
-    settings: BayesSettings,
-    time_ns: int | None,
-    names: Mapping[int, str],
+    subject: Subject, scene: Scene, eyes: Mapping[int, Float], before: HeldBelief | None, settings: BayesSettings
 ) -> tuple[Attention, HeldBelief | None]:
-    found = believed(subject, targets, eyes, before, settings, time_ns)
+    found = believed(subject, scene, eyes, before, settings)
     if isinstance(found, NoAttention):
         return Attention(subject=subject, missing=found), None
     held, cues = found
     belief = held.belief
     probabilities = answered(belief, belief.probabilities, settings.error)
-    ids = boxes_of_others(subject, targets)
-    return _answer(subject, ids, belief, cues, probabilities, fit_of(belief, cues), names), held
+    ids = boxes_of_others(subject, scene.targets)
+    return _answer(subject, ids, belief, cues, probabilities, fit_of(belief, cues), scene.names), held
 
 
 def _answer(
@@ -221,12 +200,7 @@ _RECENT: Recent[Belief] = Recent(16)
 
 
 def believed(
-    subject: Subject,
-    targets: tuple[Target, ...],
-    eyes: Mapping[int, Float],
-    before: HeldBelief | None,
-    settings: BayesSettings,
-    time_ns: int | None,
+    subject: Subject, scene: Scene, eyes: Mapping[int, Float], before: HeldBelief | None, settings: BayesSettings
 ) -> tuple[HeldBelief, MeasuredCues] | NoAttention:
     """Return what is held of a subject after a frame, and the cues that it follows from; or why there is no belief.
 
@@ -239,7 +213,7 @@ def believed(
         return NoAttention.NO_DIRECTION
     cues = measured_cues(subject, settings)
     _, last, last_ns, known = before or (None, None, None, Sights())
-    sights = known.then(subject, targets, eyes, time_ns)
+    sights = known.then(subject, scene, eyes)
     visible = visible_targets(origin, sights.targets, sights.eyes, clouds=True)
     scenery = Scenery(
         keys=(*visible.ids, None),
@@ -247,11 +221,11 @@ def believed(
         variances=visible.variances,
         to_camera=-origin / distance if (distance := math.hypot(*origin.tolist())) else np.array([0.0, 0.0, -1.0]),
     )
-    dt_s = seconds_between(last_ns, time_ns)
+    dt_s = seconds_between(last_ns, scene.time_ns)
     measured = tuple(None if cue is None else cue.tobytes() for cue in (cues.gaze, cues.head))
     asked = *measured, cues.gaze_sigma_rad, cues.head_sigma_rad, dt_s, settings.error
     belief = _RECENT.get((visible, last), asked, lambda: update(last, scenery, cues, dt_s, settings.error))
-    counted, counted_ns = (belief, time_ns) if last is None or belief.counts else (last, last_ns)
+    counted, counted_ns = (belief, scene.time_ns) if last is None or belief.counts else (last, last_ns)
     return HeldBelief(belief, counted, counted_ns, sights), cues
 
 

@@ -37,14 +37,14 @@ from vfoa.logit_cues import (
     later_means,
     observe,
 )
-from vfoa.methods import NO_NAMES, MethodSettings, answer_of, revised
+from vfoa.methods import MethodSettings, answer_of, revised
 from vfoa.posterior.belief import Belief, MeasuredCues, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered
 from vfoa.recent import Recent
 from vfoa.settings import CountsWith, Settings
 from vfoa.times import seconds_between
-from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject, Target
+from vfoa.types import Attention, Float, FrameResult, NoAttention, Scene, Subject
 
 
 class Weights(Settings):
@@ -132,7 +132,7 @@ def default_weights() -> LogitWeights:
 
 
 class LogitSettings(MethodSettings):
-    """Settings of :func:`weigh_attentions`."""
+    """Settings of :class:`Logit`."""
 
     counts_with: ClassVar[CountsWith] = {"look_ahead_s": ("smoothing", ("both",))}
 
@@ -222,8 +222,27 @@ class Logit:
     def attend(
         self, subjects: tuple[Subject, ...], scene: Scene, states: tuple[Remembered, ...]
     ) -> tuple[tuple[Attention, ...], tuple[Remembered, ...]]:
-        """Compute every subject's attention in one frame: :func:`weigh_attentions`."""
-        return weigh_attentions(subjects, scene.targets, states, self._settings, scene.time_ns, scene.names)
+        """Compute every subject's attention in one frame, and what the next frame starts from.
+
+        ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
+        rest up to 1. The focus is the likeliest of them, by the targets' names (:func:`vfoa.methods.likeliest`). The
+        total is divided between the cues by the sums of their weights; without any, as the posterior divides it.
+        ``belief`` is the input of :func:`weigh_again`; ``fit`` says how well the directions fit the posterior.
+        """
+        eyes = eyes_of(subjects)
+        attentions, after = [], []
+        for subject, before in zip(subjects, states, strict=True):
+            found = believed(subject, scene, eyes, before.held, _POSTERIOR)
+            if isinstance(found, NoAttention):
+                attentions.append(Attention(subject=subject, missing=found))
+                after.append(before)
+                continue
+            held, cues = found
+            seen, means = _observed(subject, scene, eyes, before.means, held.belief, cues)
+            weights = self._settings.of_case(seen.case, later=False)
+            attentions.append(_attention(subject, seen, weights, scene.names))
+            after.append(Remembered(means, held))
+        return tuple(attentions), tuple(after)
 
     def revise(self, window: Sequence[FrameResult], count: int) -> list[FrameResult]:
         """Return the first frames with every subject's attention given the whole window: :func:`weigh_again`."""
@@ -256,63 +275,25 @@ def probabilities(utility: Float, spread: float = 0.0) -> Float:
     return np.asarray(power * (1 / (np.exp(-top - offsets) + total) @ weights)[..., None])
 
 
-def weigh_attentions(
-    subjects: tuple[Subject, ...],
-    targets: tuple[Target, ...],
-    states: tuple[Remembered, ...],
-    settings: LogitSettings,
-    time_ns: int | None = None,
-    names: Mapping[int, str] = NO_NAMES,
-) -> tuple[tuple[Attention, ...], tuple[Remembered, ...]]:
-    """Compute every subject's attention in one frame, and what the next frame starts from.
-
-    ``states`` are what the subjects' frames left so far, ``Remembered()`` for a person who has none.
-
-    ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
-    rest up to 1. The focus is the likeliest of them, by ``names`` (:func:`vfoa.methods.likeliest`). The total is
-    divided between the cues by the sums of their weights; without any, as the posterior divides it. ``belief`` is the
-    input of :func:`weigh_again`; ``fit`` says how well the directions fit the posterior.
-    """
-    eyes = eyes_of(subjects)
-    attentions, after = [], []
-    for subject, before in zip(subjects, states, strict=True):
-        found = believed(subject, targets, eyes, before.held, _POSTERIOR, time_ns)
-        if isinstance(found, NoAttention):
-            attentions.append(Attention(subject=subject, missing=found))
-            after.append(before)
-            continue
-        held, cues = found
-        belief = held.belief
-        seen, means = _observed(subject, targets, eyes, before.means, belief, cues, time_ns)
-        attentions.append(_attention(subject, seen, settings.of_case(seen.case, later=False), names))
-        after.append(Remembered(means, held))
-    return tuple(attentions), tuple(after)
-
-
 _RECENT: Recent[tuple[FrameFeatures, Means]] = Recent(16)
 """The last features of all configurations: those that differ in their weights share them."""
 
 
 def _observed(
-    subject: Subject,
-    targets: tuple[Target, ...],
-    eyes: Mapping[int, Float],
-    means: Means,
-    belief: Belief,
-    cues: MeasuredCues,
-    time_ns: int | None,
+    subject: Subject, scene: Scene, eyes: Mapping[int, Float], means: Means, belief: Belief, cues: MeasuredCues
 ) -> tuple[FrameFeatures, Means]:
-    """:func:`observe` with the posterior's belief of the same frame, which is that of these targets and directions."""
+    """:func:`observe` with the posterior's belief of the same frame, which is that of its targets and directions."""
 
     def compute() -> tuple[FrameFeatures, Means]:
         answer = answered(belief, belief.probabilities, _POSTERIOR.error)
         chance = dict(zip(belief.keys, answer.tolist(), strict=True))
-        dt_s = seconds_between(means.time_ns, time_ns)
+        dt_s = seconds_between(means.time_ns, scene.time_ns)
         posterior = PosteriorAnswer(chance, cue_shares(cues, belief), fit_of(belief, cues))
-        return observe(subject, targets, eyes, means, dt_s, posterior, time_ns)
+        return observe(subject, scene.targets, eyes, means, dt_s, posterior, scene.time_ns)
 
     claimed = None if subject.gaze is None else subject.gaze.sigma_rad
-    return _RECENT.get((belief, means, *targets), (subject.person.instance_id, claimed, time_ns), compute)
+    asked = subject.person.instance_id, claimed, scene.time_ns
+    return _RECENT.get((belief, means, *scene.targets), asked, compute)
 
 
 def weigh_again(window: Sequence[FrameResult], count: int, settings: LogitSettings) -> list[FrameResult]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, Protocol, Self, TypeVar
 
 from vfoa.registry import Registry
@@ -104,10 +103,6 @@ METHODS = Registry(
 )
 DEFAULT_METHOD = "cones"
 """The method where none is named."""
-
-
-NO_NAMES: Mapping[int, str] = MappingProxyType({})
-"""The names of targets that nobody names."""
 
 
 def open_method(settings: MethodSettings) -> AttentionMethod[Any]:

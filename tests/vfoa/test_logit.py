@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.scenes import entry_distance
-from vfoa.bayes import BayesSettings, HeldBelief, infer_attentions
+from vfoa.bayes import BayesSettings, HeldBelief, Posterior
 from vfoa.geometry import perturb
 from vfoa.instance_tracking import PATIENCE
 from vfoa.logit import (
+    Logit,
     LogitSettings,
     Remembered,
     Weights,
@@ -21,7 +22,6 @@ from vfoa.logit import (
     probabilities,
     target_probabilities,
     weigh_again,
-    weigh_attentions,
 )
 from vfoa.logit_cues import LOGIT_CUES, ROWS, FrameFeatures, Means, PosteriorAnswer, later_means, observe
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
@@ -70,9 +70,8 @@ def by_posterior(targets: tuple[Target, ...] = TARGETS, chance: float = 0.3) -> 
 def results(subjects: list[Subject], settings: LogitSettings) -> list[FrameResult]:
     states, found = (Remembered(),), []
     for number, subject in enumerate(subjects):
-        time_ns = number * 100_000_000
-        attentions, states = weigh_attentions((subject,), TARGETS, states, settings, time_ns)
-        scene = Scene(index=number, time_ns=time_ns, targets=TARGETS, people=(subject.person,))
+        scene = Scene(index=number, time_ns=number * 100_000_000, targets=TARGETS, people=(subject.person,))
+        attentions, states = Logit(settings).attend((subject,), scene, states)
         found.append(FrameResult(scene=scene, attentions=attentions))
     return found
 
@@ -240,9 +239,8 @@ def test_without_labels_directions_are_judged_as_by_the_posterior(smoothing: Lit
     if smoothing == "both":
         frames = weigh_again(frames, len(frames), LogitSettings(method="logit", smoothing=smoothing))
     held: tuple[HeldBelief | None, ...] = (None,)
-    for number, (subject, frame) in enumerate(zip(subjects, frames, strict=True)):
-        settings = BayesSettings(method="bayes")
-        (of_posterior,), held = infer_attentions((subject,), TARGETS, held, settings, number * 100_000_000)
+    for subject, frame in zip(subjects, frames, strict=True):
+        (of_posterior,), held = Posterior(BayesSettings(method="bayes")).attend((subject,), frame.scene, held)
         (found,) = frame.attentions
         assert found.fit == of_posterior.fit is not None
         for value, expected in zip(found.values, of_posterior.values, strict=True):
