@@ -43,6 +43,7 @@ from harness.labels.formats.table_times import (
     check_milliseconds,
     check_minutes,
     check_unit,
+    clock_notes,
     on_own_clock,
     time_ms_of,
     to_last_pictures,
@@ -347,8 +348,10 @@ def _spans(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, path
         spans.append(Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where))
     ends_of_rows = [cells[place[-1]] for _, cells in rows]
     whole, notes = to_last_pictures(spans, ends_of_rows, exchange.fps, path)
-    imported = from_spans(whole, exchange, path, shown=in_ms(_timeline(place[0], exchange, path)))
-    return replace(imported, notes=(*notes, *imported.notes))
+    timeline = in_ms(_timeline(place[0], exchange, path))
+    ends_ns = [time_ms * MS for span in whole for time_ms in (span.start_ms, span.end_ms)]
+    imported = from_spans(whole, exchange, path, shown=timeline)
+    return replace(imported, notes=(*clock_notes(ends_ns, timeline, exchange, path), *notes, *imported.notes))
 
 
 def _timeline(column: str, exchange: Exchange, path: Path) -> Timeline:
@@ -387,7 +390,7 @@ def _joined(rows: Sequence[LabelRange], frames: Sequence[int]) -> Iterator[Label
 def _moments(rows: Sequence[Cells], column: str, exchange: Exchange, path: Path) -> Imported:
     """Labels of the frames that are nearest to times, by at most half a step; each frame has its nearest row."""
     timeline = _timeline(column, exchange, path)
-    outside, moments, within_ns = list[str](), list[_Moment](), timeline.step_ns / 2
+    outside, moments, within_ns, times_ns = list[str](), list[_Moment](), timeline.step_ns / 2, list[int]()
     for where, cells in rows:
         subject, label = _label(cells, where, exchange)
         place = f"{where}: {column}"
@@ -395,6 +398,7 @@ def _moments(rows: Sequence[Cells], column: str, exchange: Exchange, path: Path)
             time_ns = whole_of(cells[column], place, "ns")
         else:
             time_ns = round(MS * time_ms_of(cells[column], place, unit_ms=MS_PER_UNIT[column], fps=exchange.fps))
+        times_ns.append(time_ns)
         frame, apart_ns = _nearest(time_ns, timeline)
         row = LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=label)
         if apart_ns > within_ns:
@@ -407,7 +411,8 @@ def _moments(rows: Sequence[Cells], column: str, exchange: Exchange, path: Path)
     imported = without(outside, exchange.labels(_joined([row for _, row in found], exchange.frames), path), path)
     between = len(moments) - len(found)
     note = f"{path}: {counted(between, 'row')} between frames: each frame has the label of the nearest row."
-    return Imported(labels=imported.labels, notes=(*imported.notes, *([note] if between else [])))
+    notes = (*clock_notes(times_ns, timeline, exchange, path), *imported.notes, *([note] if between else []))
+    return replace(imported, notes=notes)
 
 
 class _Moment(NamedTuple):

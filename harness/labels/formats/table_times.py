@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -15,7 +15,7 @@ from harness.files.dialects import Row, is_missing, number_hint
 from harness.files.tables import whole_number
 from harness.labels.formats.exchange import MS, Exchange
 from harness.labels.formats.spans import Span
-from harness.labels.labels import Timeline
+from harness.labels.labels import Timeline, format_seconds
 from harness.sources.media.frame_times import DATE, SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, date_ns
 from vfoa.errors import VfoaError
 
@@ -149,6 +149,30 @@ def on_own_clock(rows: Sequence[Row], meant: Sequence[str | None], exchange: Exc
     cells = [cells[at] for _, cells in rows[1:] if not is_missing(cells[at])]
     is_stamped = all(_since_1970_ms(cell, unit_ms) is not None for cell in cells)
     return replace(exchange, offset=first_ns / 1e9) if is_stamped else exchange
+
+
+def clock_notes(times_ns: Sequence[int], timeline: Timeline, exchange: Exchange, path: Path) -> Iterator[str]:
+    """A note if times that count from the clip's first frame on could as well be of the clip's own clock.
+
+    Parameters
+    ----------
+    times_ns
+        When the rows of a table begin and end, or hold.
+    timeline
+        The clip's frames at the times of the rows.
+    """
+    own = exchange.timeline
+    if not times_ns or not own.times_ns or exchange.offset is not None or exchange.fps is not None or exchange.films:
+        return
+    (begin_ns, end_ns), half_ns = own.span_ns(own.frames[0], own.frames[-1]), own.step_ns / 2
+    apart_ns, begin_s = abs(begin_ns - timeline.times_ns[0]), format_seconds(begin_ns)
+    is_numbered = exchange.has_images and apart_ns <= own.step_ns + MS  # images from 1 on have no clock
+    is_inside = begin_ns - half_ns < min(times_ns) and max(times_ns) < end_ns + half_ns
+    if apart_ns > half_ns and not is_numbered and is_inside:
+        yield (
+            f"{path}: times are read as since the clip's first frame, which is at {begin_s} s on the clip's own "
+            f"clock; if they are of this clock: --offset {begin_s}."
+        )
 
 
 def _code_ms(code: re.Match[str], where: str, fps: float | None) -> int:

@@ -128,3 +128,31 @@ def test_times_since_the_beginning_are_no_times_since_1970(tmp_path: Path) -> No
     assert not OwnTable().read(late, exchange(DATED)).labels.ranges
     with pytest.raises(VfoaError, match="expected a time"):
         OwnTable().read(write_text(late, "time,who,what\n2024-05-41T12:00:09,girl,bird\n"), exchange(DATED))
+
+
+@pytest.mark.parametrize("columns", ["start,end", "time_ms"])
+@pytest.mark.parametrize(
+    ("begin_s", "first_s", "has_images", "is_noted"),
+    [
+        (0.04, 0.04, False, True),  # a frame of 25 per second
+        (0.04, 0.04, True, False),  # images that are numbered from 1 on
+        (3.2, 3.2, True, True),
+        (3.2, 4.0, False, True),
+        (3.2, 0.0, False, False),  # before the clip on its own clock
+        (3.2, 6.0, False, False),  # beyond its end
+        (0.0, 0.0, False, False),
+    ],
+)
+def test_times_that_may_be_of_the_clips_own_clock_are_noted(
+    tmp_path: Path, columns: str, begin_s: float, first_s: float, has_images: bool, is_noted: bool
+) -> None:
+    clip = PlainClip(frames=range(100), start_ns=round(begin_s * 1e9))
+    last_s = first_s + 1.5
+    cells = [f"{first_s},{last_s}"] if columns == "start,end" else [f"{1000 * at:.0f}" for at in (first_s, last_s)]
+    text = "\n".join([f"{columns},who,what", *(f"{cell},girl,bird" for cell in cells)])
+    path, notes = write_text(tmp_path / "mine.csv", text), list[str]()
+    for offset in (None, begin_s):
+        imported = OwnTable().read(path, exchange(clip, has_images=has_images, offset=offset))
+        notes += [note for note in imported.notes if "own clock" in note]
+    assert len(notes) == is_noted
+    assert all(f"--offset {begin_s:g}." in note for note in notes)
