@@ -32,6 +32,7 @@ from harness.labels.labels import (
     timeline_of,
 )
 from harness.run.directory import RunDirectory
+from harness.run.manifest import has_images
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.run.results import ClipRecords, read_clip_records
 from harness.score.verdicts import name_probabilities
@@ -242,6 +243,7 @@ def export_predictions(
             rate_hz=of_run.rate_hz,
             subjects=of_run.subjects if of_run.names else predicted.labels.subjects,
             targets=of_run.targets,
+            has_images=has_images(manifest.configurations.values()),
             films=of_run.films,
             **options,
         )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,6 +55,7 @@ def write_run(
     films: dict[str, float] | None = None,
     times_ns: Sequence[int] = (),
     passer_by: bool = False,
+    has_images: bool = True,
 ) -> Path:
     records = frames_of(girl)
     if passer_by:
@@ -64,7 +66,8 @@ def write_run(
     clip = {"name": "clip", "names": names, "frames": list(records), "times_ns": times, "rate_hz": RATE_HZ}
     clip |= {"films": films} if films else {}
     method = {"probabilistic": probabilistic, "says_nowhere": probabilistic}
-    of_records.write_run(folder, records.values(), clips=[clip], configurations={"one": {}}, methods={"one": method})
+    configurations: dict[str, Any] = {"one": {} if has_images else {"stereo": None}}
+    of_records.write_run(folder, records.values(), clips=[clip], configurations=configurations, methods={"one": method})
     return folder
 
 
@@ -126,6 +129,20 @@ def test_predictions_are_at_the_times_of_the_film_that_shows_the_clip(tmp_path: 
     ((path, _),) = export_predictions(run, "elan")
     ((begin, *_),) = Eaf(str(path)).get_annotation_data_for_tier("girl")
     assert begin == 1200
+
+
+@pytest.mark.parametrize("has_images", [True, False])
+def test_with_a_rate_predictions_are_at_the_times_at_which_an_import_takes_them(
+    tmp_path: Path, has_images: bool
+) -> None:
+    """Of a clip without images, it is the rate of another camera's film, whose times are the clip's."""
+    run = write_run(tmp_path, ["bird"] * 20 + ["cup"] * 20, has_images=has_images)
+    ((path, _),) = export_predictions(run, "elan", fps=50.0)
+    clip = exchange(PlainClip(frames=range(1, 41), rate_hz=RATE_HZ), has_images=has_images, fps=50.0)
+    found = FORMATS.load("elan")().read(path, clip).labels.ranges
+    assert [(row.first_frame, row.last_frame, row.label.target) for row in found] == [(1, 20, "bird"), (21, 40, "cup")]
+    _, end_ms, *_ = Eaf(str(path)).get_annotation_data_for_tier("girl")[-1]
+    assert end_ms == pytest.approx(40_000 / (50.0 if has_images else RATE_HZ), abs=35)
 
 
 def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:
