@@ -22,6 +22,7 @@ from harness.clips.matching import (
     near_notes,
     right_offset,
 )
+from harness.clips.units import step_doubts
 from harness.labels.drawn_shapes import Drawn, Place
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
@@ -45,9 +46,6 @@ _OTHER_UNIT = "another unit? depth_scale in [source] is the number of counts per
 
 DARK = 16
 """Images no brighter than this are reported: of 12-bit values in 16-bit files, the upper 8 bits reach 15."""
-
-LONGEST_STEP_S = 5.0
-"""A median step of frames from which their times are questioned: 200 frames per second in ms, taken for seconds."""
 
 MOST_BITS_NOTED = 14
 """Most bits of 16-bit pictures that are noted: 15 lose one bit, as a dark scene of 16 bits does."""
@@ -165,13 +163,6 @@ def _time_notes(manifest: ClipManifest, clip: Clip, changes: Float, most: int) -
         yield f"{seen}: are the stamps or numbers of both cameras of one clock?"
 
 
-def _rate_notes(clip: Clip | MeasuredClip) -> list[str]:
-    """A note on frames so far apart that their times are probably in another unit."""
-    step_s = 1 / clip.rate_hz if clip.rate_hz else 0.0
-    apart = f"the frames are {step_s:.4g} s apart (median) by their times"
-    return [f"{apart}: are these in another unit, as milliseconds?"] if step_s >= LONGEST_STEP_S else []
-
-
 def _pair(clip: Clip, numbers: Sequence[int], place: int) -> tuple[Image, Image]:
     """Both views of one of these frames."""
     frame = clip.frame(numbers[place])
@@ -274,7 +265,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             name=manifest.name,
             frames=len(clip.frames),
             labels=scored_labels(labels, clip),
-            notes=(*clip.notes, *_rate_notes(clip), *direction_notes(manifest, clip, labels)),
+            notes=(*clip.notes, *step_doubts(clip), *direction_notes(manifest, clip, labels)),
             problems=(*measurement_problems(manifest, clip), *label_problems),
         )
     rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)
@@ -298,7 +289,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
         labels=scored_labels(labels, clip),
         notes=(
             *clip.notes,
-            *_rate_notes(clip),
+            *step_doubts(clip),
             *([few] if has_right and not is_matched else []),
             *dict.fromkeys(note for frame in frames for note in camera_notes(frame.rig)),
             *_rows_notes(manifest, error_px),

@@ -15,6 +15,7 @@ from typing import Any
 from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.matching import first_middle_last, near_notes
+from harness.clips.units import unit_doubts
 from harness.files.digests import code_digest, file_digest
 from harness.files.safe_names import vfoa_command
 from harness.labels.labels import Labels, timeline_of
@@ -27,7 +28,7 @@ from harness.run.executors import Executor, cores
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.frame_sink import SinkFactory
 from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, NoteOfRun, RunManifest
-from harness.run.notes import Note, fitted_on_reported
+from harness.run.notes import Note, NoteKind, fitted_on_reported
 from harness.sources import Clip, FilmClip, MeasuredClip
 from vfoa.errors import VfoaError, located
 from vfoa.methods import MethodSettings
@@ -134,7 +135,12 @@ def prepare(
         *(f"{prepared.manifest.name}: {prepared.drawn.summary}" for prepared in clips if prepared.drawn),
         *_notes_on_near(clips, experiment.configurations),
     )
-    noted = replace(experiment, notes=(*experiment.notes, *map(Note, notes)))
+    doubts = (
+        Note(f"{prepared.manifest.name}: {doubt}", NoteKind.DOUBT)
+        for prepared in clips
+        for doubt in unit_doubts(prepared.clip, prepared.frames)
+    )
+    noted = replace(experiment, notes=(*experiment.notes, *map(Note, notes), *doubts))
     return Plan(experiment=noted, clips=clips, sinks=tuple(sinks), fit=fit)
 
 

@@ -1,0 +1,41 @@
+"""Times and places of a clip that are probably in another unit: ``vfoa clips check`` and every run question them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from harness.sources import AnyClip, MeasuredClip
+
+MAX_DISTANCE_M = 100.0
+"""A position further from the origin than this is probably in millimetres."""
+LONGEST_STEP_S = 5.0
+"""A median step of frames from which their times are questioned: 200 frames per second in ms, taken for seconds."""
+_MOST_FRAMES = 50
+"""Most frames of a run whose places are looked at: each one of an hour takes as long as a short run."""
+
+
+def step_doubts(clip: AnyClip) -> Iterator[str]:
+    """Yield a doubt about times of frames that are far apart."""
+    step_s = 1 / clip.rate_hz if clip.rate_hz else 0.0
+    if step_s >= LONGEST_STEP_S:
+        apart = f"the frames are {step_s:.4g} s apart (median) by their times"
+        yield f"{apart}: are these in another unit, as milliseconds?"
+
+
+def unit_doubts(clip: AnyClip, numbers: Sequence[int]) -> Iterator[str]:
+    """Yield a doubt about the times of a clip, and one about the places in some of these frames, if it has places."""
+    yield from step_doubts(clip)
+    if not isinstance(clip, MeasuredClip):
+        return
+    scenes = [clip.scene(number) for number in numbers[:: -(-len(numbers) // _MOST_FRAMES) or 1]]
+    places = [target.box.center_m for scene in scenes for target in scene.targets if target.box is not None]
+    eyes = [person.eye_origin_left for scene in scenes for person in scene.people]
+    places += [place for place in eyes if place is not None]
+    distance_m = max((float(np.linalg.norm(place)) for place in places), default=0.0)
+    if distance_m > MAX_DISTANCE_M:
+        yield (
+            f"people or objects are up to {distance_m:.4g} m away from the origin, and heads, points and cones have "
+            "sizes in metres: are places in another unit, as millimetres?"
+        )
