@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from harness.sources import AnyClip, MeasuredClip
+from harness.sources import AnyClip, DoubtedClip, MeasuredClip
 
 MAX_DISTANCE_M = 100.0
 """A position further from the origin than this is probably in millimetres."""
@@ -24,8 +24,14 @@ def step_doubts(clip: AnyClip) -> Iterator[str]:
         yield f"{apart}: are these in another unit, as milliseconds?"
 
 
-def unit_doubts(clip: AnyClip, numbers: Sequence[int]) -> Iterator[str]:
-    """Yield a doubt about the times of a clip, and one about the places in some of these frames, if it has places."""
+def own_doubts(clip: AnyClip) -> tuple[str, ...]:
+    """Those of the notes of a clip that question its values."""
+    return clip.doubts if isinstance(clip, DoubtedClip) else ()
+
+
+def clip_doubts(clip: AnyClip, numbers: Sequence[int]) -> Iterator[str]:
+    """Yield the doubts about a clip: its own, about its times, and about the places in some of these frames."""
+    yield from own_doubts(clip)
     yield from step_doubts(clip)
     if not isinstance(clip, MeasuredClip):
         return

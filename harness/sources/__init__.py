@@ -128,6 +128,15 @@ class WornBodies(Protocol):
 
 
 @runtime_checkable
+class DoubtedClip(Protocol):
+    """An optional part of a clip: it knows what is probably wrong in its files."""
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Those of its notes that question its values; the tables of a run show them beside the rates."""
+
+
+@runtime_checkable
 class SightTruth(Protocol):
     """An optional part of a clip: it knows which lines of sight are blocked."""
 

@@ -31,6 +31,7 @@ from pydantic import Field
 
 from harness.files.dialects import is_missing
 from harness.files.digests import digest_files
+from harness.files.groups import grouped
 from harness.files.tables import TableColumns, read_columns, read_header, write_rows
 from harness.sources import Recognised, given_root
 from harness.sources.measured.clip import (
@@ -90,7 +91,7 @@ class MeasuredTables(FramesOfMeasurements):
         table = read_columns(people, PEOPLE_COLUMNS, _PEOPLE_REQUIRED)
         times, present = _times_and_people(table, settings)
         everyone = {name for of_frame in present.values() for name in of_frame}
-        fixed, moving = _objects(objects, settings, times, everyone)
+        fixed, moving, rows_of = _objects(objects, settings, times, everyone)
         super().__init__(
             {
                 frame: MeasuredFrame(
@@ -103,7 +104,15 @@ class MeasuredTables(FramesOfMeasurements):
             str(people),
             digest_files([("people", people), *([("objects", objects)] if objects else [])]),
         )
-        self.notes = _unit_notes(table)
+        for name in (*everyone, *settings.objects, *(each.name for each in fixed)):
+            rows_of.pop(name, None)  # in frames without a row there is the head of a person, or a fixed object
+        seen = grouped((name, frame) for frame, of_frame in present.items() for name in of_frame)
+        self.doubts = (
+            *_unit_notes(table),
+            *_sparse_notes(people, seen, self.frames, _FEWEST_SEEN),
+            *(_sparse_notes(objects, rows_of, self.frames, 1) if objects else ()),
+        )
+        self.notes = self.doubts
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
@@ -257,6 +266,27 @@ def _unit_notes(table: TableColumns) -> tuple[str, ...]:
     )
 
 
+def _sparse_notes(
+    path: Path, rows_of: Mapping[str, Sequence[int]], frames: Sequence[int], fewest: int
+) -> Iterator[str]:
+    """Yield a note for each name that has rows in single frames alone: it is not there in all those in between.
+
+    ``rows_of`` are the frames of its rows; ``fewest`` rows are needed for a note.
+    """
+    for name, numbers in rows_of.items():
+        places = np.unique(np.searchsorted(frames, numbers))
+        if len(frames) >= _FEWEST_FRAMES and len(places) >= fewest and (np.diff(places) > 1).all():
+            yield (
+                f"{path.name}: {name}: has a row in {len(places)} of {len(frames)} frames, never in two that follow "
+                "each other, and is not there in the others; expected a row in each frame (an object that rests: one "
+                "row with a blank frame)"
+            )
+
+
+_FEWEST_FRAMES, _FEWEST_SEEN = 3, 3
+"""Frames of a clip, and rows of a person, from which rows in single frames are noted: a tracker may see a face once."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _PersonOfRow:
     """The person of a row, whose values are made when they are asked for, as those of :class:`_ObjectOfRow`."""
@@ -301,10 +331,10 @@ def _vector(vector: Float) -> Float | None:
 
 def _objects(
     path: Path | None, settings: MeasuredTablesSettings, times: Mapping[int, int], people: Collection[str]
-) -> tuple[list[PlacedObject], dict[int, list[PlacedObject]]]:
-    """The objects that are in every frame, and those of single frames by frame number."""
+) -> tuple[list[PlacedObject], dict[int, list[PlacedObject]], dict[str, list[int]]]:
+    """The objects that are in every frame, those of single frames by frame number, and the frames of these by name."""
     if path is None:
-        return [], {}
+        return [], {}, {}
     table = read_columns(path, OBJECT_COLUMNS, ("frame", "object", *POSITION))
     rows = _ObjectRows.read(table, settings, people)
     fixed, moving = list[PlacedObject](), dict[int, list[PlacedObject]]()
@@ -318,7 +348,8 @@ def _objects(
             fixed.append(MeasuredObject(name=name, category=rows.categories[row], box=rows.box(row)))
         else:
             moving.setdefault(frame, []).append(_ObjectOfRow(rows, row))
-    return fixed, moving
+    rows_of = grouped((name, frame) for name, frame in zip(rows.names, frames, strict=True) if frame is not None)
+    return fixed, moving, rows_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

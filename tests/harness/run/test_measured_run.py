@@ -23,6 +23,7 @@ from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.notes import NoteKind
+from harness.run.plan import describe
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from tests.disk import write_text
@@ -119,19 +120,29 @@ def test_people_and_objects_have_the_names_of_their_rows_in_any_order(talk: Path
 
 
 @pytest.mark.parametrize(
-    ("scale", "step_ns", "said"),
-    [(1, 40_000_000, []), (1000, 40_000_000, ["1265 m away"]), (1, 40_000_000_000, ["40 s apart"])],
+    ("scale", "step_ns", "sigma_deg", "said"),
+    [
+        (1, 40_000_000, "5", []),
+        (1000, 40_000_000, "5", ["1265 m away"]),
+        (1, 40_000_000_000, "5", ["40 s apart"]),
+        (1, 40_000_000, "0.087", ["radians?"]),
+    ],
 )
-def test_a_run_questions_units_without_a_check(talk: Path, scale: float, step_ns: int, said: list[str]) -> None:
+def test_a_run_questions_units_without_a_check(
+    talk: Path, scale: float, step_ns: int, sigma_deg: str, said: list[str]
+) -> None:
     """People in millimetres are hit by no cone, and of frames 40 s apart each one is a look of its own."""
     people = measured_tables(talk / "data" / "talk", step_ns=step_ns) / "people.csv"
     header, *rows = (line.split(",") for line in people.read_text().splitlines())
-    scaled = [[*row[:3], *(str(scale * float(cell)) for cell in row[3:6]), *row[6:]] for row in rows]
+    scaled = [
+        [*row[:3], *(str(scale * float(cell)) for cell in row[3:6]), *row[6:9], sigma_deg, *row[10:]] for row in rows
+    ]
     write_text(people, "\n".join(map(",".join, [header, *scaled])))
-    notes = prepare(load_experiment("talk.toml")).experiment.notes
-    found = [note.text for note in notes if note.kind is NoteKind.DOUBT]
+    plan = prepare(load_experiment("talk.toml"))
+    found = [note.text for note in plan.experiment.notes if note.kind is NoteKind.DOUBT]
     assert len(found) == len(said)
     assert all("talk: " in text and words in text for text, words in zip(found, said, strict=True))
+    assert describe(plan).clips[0].notes == []
 
 
 def test_a_name_that_the_tables_do_not_have_is_found_by_the_check(talk: Path) -> None:

@@ -157,3 +157,28 @@ def test_claimed_errors_in_radians_are_noted(tmp_path: Path, sigmas: tuple[float
     found = open_measured("measured", tmp_path).notes
     assert len(found) == notes
     assert all("people.csv: head_sigma_deg: found at most 0.17" in note for note in found)
+
+
+@pytest.mark.parametrize(
+    ("cup", "ben", "names"),
+    [
+        ("1 2 3 4 5 6", "1 2 3 4 5 6", ""),
+        ("", "1 2 3 4 5 6", ""),
+        ("1", "1 2 3 4 5 6", "cup"),  # where it rests, a blank frame is meant
+        ("1 3 5", "1 2 3 4 5 6", "cup"),
+        ("1 2", "3 4", ""),
+        ("1 2 5", "2 4 6", "ben"),
+        ("1 2 5", "2 6", ""),  # a tracker's mistakes
+    ],
+)
+def test_rows_in_single_frames_are_noted(tmp_path: Path, cup: str, ben: str, names: str) -> None:
+    seen = [(frame, name) for name, frames in (("anna", "1 2 3 4 5 6"), ("ben", ben)) for frame in frames.split()]
+    people = [f"{frame},{frame},{name},0,0,1" for frame, name in sorted(seen)]
+    objects = [f"{frame},cup,0,0,2" for frame in cup.split() or [""]]
+    write_text(tmp_path / "people.csv", "\n".join(["frame,time_s,person,x_m,y_m,z_m", *people]))
+    write_text(tmp_path / "objects.csv", "\n".join(["frame,object,x_m,y_m,z_m", *objects, ",lamp,0,1,2"]))
+    clip = open_measured("measured", tmp_path, objects_file="objects.csv")
+    assert [note.split(": ")[1] for note in clip.notes] == names.split()
+    assert clip.doubts == clip.notes
+    others = open_measured("measured", tmp_path, objects_file="objects.csv", objects={"cup": {"center_m": [0, 0, 2]}})
+    assert not [note for note in others.notes if ": cup:" in note]
