@@ -52,7 +52,7 @@ export class LabelActions {
     const made = this.change({ kind: "nudge", at: here, by });
     if (!mayStep) return;
     await made;
-    if (page.wanted === first && at(runs(page.track), first).first !== first) page.step(1);
+    if (page.wanted === first && at(runs(page.track), first).first !== first) page.navigation.step(1);
   }
 
   async accept() {

@@ -12,7 +12,7 @@ const start = async () => {
     removeEventListener("keydown", keep);
     const press = bind(page, page.names);
     page.draw();
-    page.go(page.start(), true);
+    page.go(page.navigation.start(), true);
     early.forEach(press);
 };
 

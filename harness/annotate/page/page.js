@@ -4,13 +4,14 @@ import { Lost, Queue } from "./api.js";
 import { Drawing } from "./drawing.js";
 import { KeyQueue } from "./key_queue.js";
 import { Names } from "./names.js";
+import { Navigation } from "./navigation.js";
 import * as panel from "./panel.js";
 import { Player } from "./player.js";
 import { LabelActions } from "./label_actions.js";
 import { LastSeen } from "./last_seen.js";
 import { Stage } from "./stage.js";
 import { Timelines } from "./timelines.js";
-import { at, changes, open, read, runs } from "./tracks.js";
+import { at, open, read, runs } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
 
@@ -19,7 +20,6 @@ export class Page {
   constructor(about, first) {
     this.subject = about.subjects[0];
     this.selection = null;
-    this.rank = -1; // of the last frame by how unsure the run was
     this.keyQueue = new KeyQueue({ moved: () => this.settle(), failed: (error) => panel.say(error.message) });
     const inTurn = (act) => (...what) => this.keyQueue.press(() => act(...what)); // no click overtakes a key that waits
     this.queue = new Queue({
@@ -31,6 +31,7 @@ export class Page {
     });
     this.lastSeen = new LastSeen((seen) => this.queue.add({ kind: "seen", ...seen }));
     this.labelActions = new LabelActions(this);
+    this.navigation = new Navigation(this);
     this.names = new Names({
       look: inTurn((name) => this.choose(name)),
       saved: () => this.saved(),
@@ -54,8 +55,8 @@ export class Page {
       stretch: inTurn((position, subject) => { this.seek(position, subject); return this.selectStretch(position); }),
       move: inTurn((at, last, subject) => { this.labelActions.change({ kind: "move", subject, at, last }); }),
     });
-    panel.makeSubjects(about.subjects, inTurn((name) => this.turnTo(name)));
-    panel.makeUnlabelled(inTurn(() => this.toOpen("unlabelled")));
+    panel.makeSubjects(about.subjects, inTurn((name) => this.navigation.turnTo(name)));
+    panel.makeUnlabelled(inTurn(() => this.navigation.toOpen("unlabelled")));
     this.wanted = this.shown = 0;
     this.take(about);
     this.state = read(first.state);
@@ -69,7 +70,6 @@ export class Page {
   get hasRun() { return this.about.configuration !== null; }
   get track() { return this.state.tracks[this.subject]; }
   get suggestions() { return this.about.suggestions[this.subject]; }
-  get order() { return this.about.order && this.about.order[this.subject]; }
 
   // The frame that a key refers to: the one on the screen while playing, else the one reached by the last step.
   get here() { return this.player.playing ? this.shown : this.wanted; }
@@ -168,77 +168,10 @@ export class Page {
   // Wait until all earlier changes are answered.
   saved() { return this.queue.running ?? Promise.resolve(); }
 
-  step(by) {
-    this.player.stop();
-    if (this.about.uncertain_first) return this.unsure(by);
-    const from = this.wanted;
-    this.go(from + by);
-    this.pass(from, this.wanted);
-  }
-
-  async toChange(direction) {
-    this.player.stop();
-    await this.saved();
-    const all = changes(this.track, this.suggestions);
-    const next = direction > 0 ? all.find((each) => each > this.wanted) : all.findLast((each) => each < this.wanted);
-    this.go(next ?? (direction > 0 ? this.total - 1 : 0), true);
-  }
-
-  // Go to the next frames that are unlabelled, undecided (a suggestion), or to label first: these become
-  // the range, so that a label ends with them. After the last, to the first. When the subject has none, to those of the
-  // next subject.
-  async toOpen(kind) {
-    this.player.stop();
-    await this.saved();
-    const { subjects } = this.about;
-    const place = subjects.indexOf(this.subject);
-    const isFirst = kind === "label first";
-    const openOf = (name) => {
-      const found = open(this.state.tracks[name], this.state.seen[name]);
-      if (!isFirst) return found.filter((each) => each.kind === kind);
-      const isOpen = ({ first, last }) => found.some((each) => each.first <= last && each.last >= first);
-      return this.about.label_first.filter((each) => each.subject === name && isOpen(each));
-    };
-    const subject = [...subjects.slice(place), ...subjects.slice(0, place)].find((name) => openOf(name).length);
-    if (!subject) {
-      panel.say({ unlabelled: "Every frame of every subject has a label.", undecided: "No suggestion is undecided." }[kind] ?? "All frames to label first have a label.");
-      return;
-    }
-    const all = openOf(subject);
-    const next = (subject === this.subject && all.find((each) => each.first > this.wanted)) || all[0];
-    if (subject !== this.subject) this.seek(null, subject);
-    this.go(next.first, !isFirst);
-    if (isFirst) this.select([next.first, next.last]);
-  }
-
   // A target's key or button, or a click on it: the target to find, or what the subject looks at.
   choose(name, ...where) {
-    if (this.finding) return this.find(name);
+    if (this.navigation.finding) return this.navigation.find(name);
     this.labelActions.look(name, ...where);
-  }
-
-  // The next target's key finds the target's next stretch (by > 0) or the one before; pressed twice, the last one again.
-  startFinding(by) {
-    const isAgain = this.finding === by;
-    this.finding = by;
-    if (isAgain) return this.find(this.found);
-    panel.say(`Find the ${by > 0 ? "next" : "previous"} stretch of: press a target's key${this.found ? `, or again for ${this.found}` : ""}.`);
-    this.draw();
-  }
-
-  async find(asked) {
-    const by = this.finding;
-    this.finding = 0;
-    this.player.stop();
-    await this.saved();
-    const name = asked ?? at(this.track, this.wanted).target;
-    this.found = name ?? this.found;
-    const all = runs(this.track).filter((each) => each.target === name);
-    const next = by > 0 ? all.find((each) => each.first > this.wanted) ?? all[0]
-      : all.findLast((each) => each.last < this.wanted) ?? all.at(-1);
-    panel.say(next ? "" : `${this.subject} never looks at ${name ?? "anything"}.`);
-    if (next) this.go(next.first);
-    this.draw();
   }
 
   // The frames around a position with the same label, as the range.
@@ -248,46 +181,14 @@ export class Page {
     this.select([first, last]);
   }
 
-  // Step through the suggestions, the most uncertain first; after the last, begin again.
-  unsure(by) {
-    this.player.stop();
-    const order = this.about.uncertain_first ? this.order : this.order.filter((each) => this.suggestions[each]);
-    if (!order.length) return panel.say(`The run suggests nothing for ${this.subject}.`);
-    if (this.rank < 0 && by < 0) this.rank = 0;
-    this.rank = (this.rank + by + order.length) % order.length;
-    this.go(order[this.rank]);
-  }
-
-  nextSubject(by) {
-    const all = this.about.subjects;
-    return this.turnTo(all[(all.indexOf(this.subject) + by + all.length) % all.length]);
-  }
-
-  async turnTo(subject) {
-    this.seek(null, subject);
-    if (this.player.playing) return this.draw(); // it plays on
-    await this.saved();
-    this.go(this.start(), true);
-  }
-
   seek(position, subject) {
     this.lastSeen.tell();
-    if (subject !== this.subject) this.rank = this.about.uncertain_first ? 0 : -1;
+    if (subject !== this.subject) this.navigation.restart();
     this.subject = subject;
     this.select(null);
     if (position === null) return;
     this.go(position);
     if (this.player.playing) this.player.jump(this.wanted);
-  }
-
-  // The frame at which labelling of a subject continues: the first that is not labelled or confirmed.
-  start() {
-    if (this.about.uncertain_first) return this.order[this.rank = 0];
-    const seen = this.state.seen[this.subject];
-    const isOpen = (each) => each.target === null || each.suggested || (each.carried && each.last > seen);
-    const first = this.track.find(isOpen);
-    if (!first) return 0;
-    return first.carried ? Math.max(first.first, seen) : first.first;
   }
 
   beside(view) { this.stage.beside = this.stage.beside === view ? null : view; this.go(this.wanted); }
@@ -315,8 +216,7 @@ export class Page {
 
   // Let go of the range and of a search.
   escape() {
-    if (this.finding) panel.say("");
-    this.finding = 0;
+    this.navigation.endFinding();
     this.select(null);
     this.draw();
   }

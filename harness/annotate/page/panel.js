@@ -62,7 +62,7 @@ export function drawLabel(subject, { target, suggested, note, tags }) {
   find("label").value = `${subject}: ${said}${note ? ` – ${note}` : ""}${tags ? ` [${tags}]` : ""}`;
 }
 
-export function drawTools({ state, stage, player, finding }) {
+export function drawTools({ state, stage, player, navigation: { finding } }) {
   for (const kind of ["undo", "redo"]) find(`do-${kind}`).disabled = !state[`can_${kind}`];
   const open = { find: Boolean(finding), right: stage.beside === "right", disparity: stage.beside === "disparity", head: stage.zoomed, loop: player.loop !== null };
   for (const [id, is] of Object.entries(open)) find(`do-${id}`)?.setAttribute("aria-pressed", is);
