@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from vfoa.geometry import angle_between, unit
+from vfoa.geometry import angle_between
 from vfoa.methods import MethodSettings, boxes_of_others
 from vfoa.types import CUES, Attention, Cue, NoAttention, Scene, Subject, Target, TargetAttention
 
@@ -65,7 +65,7 @@ def look_at_nearest(subject: Subject, targets: tuple[Target, ...], settings: Nea
     total = sum(weights[cue] for cue in cues)
     parts = {cue: weights[cue] / total for cue in cues}
     mean = np.sum([parts[cue] * axis for cue, axis in cues.items()], axis=0)
-    direction = unit(mean) if mean.any() else next(iter(cues.values()))
+    direction = mean if mean.any() else next(iter(cues.values()))
 
     boxes = boxes_of_others(subject, targets)
     nearest = None

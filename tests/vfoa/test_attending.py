@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.scenes import make_box, make_person, make_target
+from tests.scenes import make_box, make_person, make_subject, make_target
 from vfoa.bayes import BayesSettings, smooth
 from vfoa.cones import ConesSettings
 from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.logit import LogitSettings, weigh_again
-from vfoa.methods import MethodSettings, look_ahead_s, open_method
+from vfoa.methods import MethodSettings, answer_of, look_ahead_s, open_method
 from vfoa.nearest import NearestSettings
 from vfoa.pipeline import MOST_REMEMBERED, Attending, AttendSettings
 from vfoa.tracking import Tracked, Tracker, TrackingSettings
@@ -136,6 +136,27 @@ def test_the_answer_is_the_likeliest_target_of_the_likeliest_name(method: Method
         assert alone.focus == max(chances, key=lambda focus: chances[focus])
         ways.add((found.focus in (1, 2, 3), alone.focus in (1, 2, 3)))
     assert {(True, False), (False, False)} <= ways
+
+
+@pytest.mark.parametrize(
+    ("totals", "nowhere", "names", "focus", "tied"),
+    [
+        ({1: 0.3, 2: 0.3, 3: 0.2, 4: 0.3}, 0.1, {}, 1, (2, 4)),
+        ({3: 0.2, 2: 0.3, 1: 0.3}, 0.2, {1: "cup", 2: "cup"}, 2, (1,)),
+        ({1: 0.3, 2: 0.1, 3: 0.4}, 0.2, {1: "cup", 2: "cup"}, 3, ()),  # as likely as both cups, and than each alone
+        ({1: 0.5}, 0.5, {}, None, ()),
+        ({1: 0.25, 2: 0.25}, 0.5, {1: "cup", 2: "cup"}, None, ()),
+        ({}, 1.0, {}, None, ()),
+    ],
+)
+def test_equally_likely_targets_are_tied_and_none_wins_that_nowhere_equals(
+    totals: dict[int, float], nowhere: float, names: dict[int, str], focus: int | None, tied: tuple[int, ...]
+) -> None:
+    found = answer_of(make_subject(), totals, nowhere, (0.25, 0.75), names)
+    assert (found.focus, found.tied) == (focus, tied)
+    assert [(each.instance_id, each.gaze, each.head, each.total) for each in found.values] == [
+        (number, 0.25 * total, 0.75 * total, total) for number, total in totals.items()
+    ]
 
 
 def revised_by(method: BayesSettings | LogitSettings, window: list[FrameResult]) -> list[FrameResult]:

@@ -21,15 +21,34 @@ def at_deg(angle: float) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(
-    ("gaze", "head", "gaze_share", "focus"),
-    [(20, -20, 0.6, 2), (20, -20, 0.4, 1), (20, None, 0.0, None), (None, -20, 0.9, 1), (20, -20, 1.0, 2)],
+    ("gaze", "head", "gaze_share", "focus", "shares"),
+    [
+        (20, -20, 0.6, 2, (0.6, 0.4)),
+        (20, -20, 0.4, 1, (0.4, 0.6)),
+        (20, None, 0.0, None, None),
+        (None, -20, 0.9, 1, (np.nan, 1)),
+        (20, None, 0.9, 2, (1, np.nan)),
+        (20, -20, 1.0, 2, (1, np.nan)),
+    ],
 )
-def test_gaze_and_head_are_weighed(gaze: float, head: float, gaze_share: float, focus: int | None) -> None:
+def test_gaze_and_head_are_weighed(
+    gaze: float | None, head: float | None, gaze_share: float, focus: int | None, shares: tuple[float, float] | None
+) -> None:
+    """The focus has 1, in the shares of the two cues; NaN is the share of one that is not used."""
     subject = make_subject(gaze=None if gaze is None else at_deg(gaze), head=None if head is None else at_deg(head))
     found = look_at_nearest(subject, (LEFT, RIGHT), NEAREST.model_copy(update={"gaze_share": gaze_share}))
     assert found.focus == focus
     assert found.missing is (NoAttention.NO_DIRECTION if focus is None else None)
-    assert sum(value.total for value in found.values) == (focus is not None)
+    expected = {} if shares is None else {number: np.multiply((*shares, 1), number == focus) for number in (1, 2)}
+    assert {value.instance_id: (value.gaze, value.head, value.total) for value in found.values} == {
+        number: pytest.approx(value, nan_ok=True) for number, value in expected.items()
+    }
+
+
+def test_the_gaze_decides_where_gaze_and_head_cancel() -> None:
+    for gaze, focus in (((-1, 0, 2), 1), ((1, 0, 2), 2)):
+        subject = make_subject(gaze=gaze, head=np.negative(gaze))
+        assert look_at_nearest(subject, (LEFT, RIGHT), NEAREST.model_copy(update={"gaze_share": 0.5})).focus == focus
 
 
 def test_beyond_the_limit_nothing_is_looked_at() -> None:
@@ -39,6 +58,11 @@ def test_beyond_the_limit_nothing_is_looked_at() -> None:
         found = look_at_nearest(subject, (LEFT, RIGHT), NEAREST.model_copy(update={"limit_deg": limit}))
         assert found.focus == focus
         assert len(found.values) == 2
+    behind = make_target(1, make_box((0, 0, -2)))
+    assert (
+        look_at_nearest(make_subject(gaze=(0, 0, 1)), (behind,), NEAREST.model_copy(update={"limit_deg": 180})).focus
+        == 1
+    )
 
 
 def test_what_is_missing_is_said() -> None:
