@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tests.scenes import make_box, make_subject, make_target, random_room, with_points
-from vfoa.bayes import BayesSettings, Posterior, smooth
+from vfoa.bayes import BayesSettings, Posterior, Sights, smooth
 from vfoa.geometry import sigma_rad
 from vfoa.instance_tracking import PATIENCE
 from vfoa.pipeline import Attending, AttendSettings
@@ -28,6 +28,7 @@ BAYES = BayesSettings(method="bayes", error="told", smoothing="off", gaze_error_
 """Told the error, every frame by itself: the posterior is one of a few densities of Student."""
 SMOOTHED = BAYES.model_copy(update={"smoothing": "forward", "gaze_error_deg": 11.1})
 AHEAD = (0, 0, 1)
+LEFT, RIGHT = make_target(1, make_box((-0.3, 0, 2))), make_target(2, make_box((0.3, 0, 2)))
 
 
 def attend(subjects, targets, states=None, settings=BAYES, time_ns=0):
@@ -149,6 +150,21 @@ def test_nobody_looks_at_their_own_body():
     assert infer(subject, (make_target(1, make_box((0, 0, 2))),)).values == ()
 
 
+def test_a_target_that_turns_out_to_be_their_own_body_is_forgotten() -> None:
+    scene = Scene(index=0, time_ns=0, targets=(LEFT, RIGHT), people=())
+    unknown = Sights().then(make_subject(), scene, {1: np.ones(3), 3: np.ones(3)})
+    assert (*unknown.missed,) == (1, 2)
+    assert {*unknown.eyes} == {1}
+    known = unknown.then(make_subject(instance_id=1), replace(scene, time_ns=40_000_000), {})
+    assert [target.instance.id for target in known.targets] == [*known.missed] == [2]
+    assert known.eyes == {}
+
+
+def test_a_target_without_a_cloud_has_no_probability_beside_one_that_has_a_cloud() -> None:
+    found = totals(infer(make_subject(gaze=(0.3, 0, 2)), (with_points(LEFT, [(-0.3, 0, 2)]), RIGHT)))
+    assert found[2] == 0 < found[1]
+
+
 def test_what_is_missing_is_said():
     assert infer(make_subject(eyes=None, gaze=AHEAD), ()).missing is NoAttention.NO_EYES_3D
     assert infer(make_subject(), ()).missing is NoAttention.NO_DIRECTION
@@ -181,9 +197,6 @@ def test_targets_that_come_and_go_are_known_by_their_ids():
     assert attention.focus == 2
 
 
-LEFT, RIGHT = make_target(1, make_box((-0.3, 0, 2))), make_target(2, make_box((0.3, 0, 2)))
-
-
 def looked_at_left(misses: Sequence[Sequence[Target]], settings: BayesSettings = SMOOTHED) -> list[Attention]:
     """The answers in the last frames, which see these targets, while the gaze stays a little beside the left one."""
     subject, states, found = make_subject(gaze=(-0.1, 0, 1)), (None,), []
@@ -194,8 +207,10 @@ def looked_at_left(misses: Sequence[Sequence[Target]], settings: BayesSettings =
 
 
 @pytest.mark.parametrize("gap", [1, 3, PATIENCE])
-def test_a_look_at_a_target_that_some_frames_miss_goes_on(gap: int) -> None:
-    *missed, back = looked_at_left([[RIGHT]] * gap + [[RIGHT, LEFT]])
+@pytest.mark.parametrize("found", [[RIGHT], [replace(LEFT, box=None), RIGHT]])
+def test_a_look_at_a_target_that_some_frames_miss_goes_on(gap: int, found: list[Target]) -> None:
+    """They do not find it, or find no box of it."""
+    *missed, back = looked_at_left([found] * gap + [[RIGHT, LEFT]])
     seen = looked_at_left([[LEFT, RIGHT]] * (gap + 1))[-1]
     assert totals(back) == pytest.approx(totals(seen), abs=1e-9)
     for attention in missed:
