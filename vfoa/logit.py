@@ -75,8 +75,7 @@ class Weights(Settings):
     @property
     def vector(self) -> Float:
         """The weights (F,) in the order of :func:`features`."""
-        rows = [getattr(self, name) for name in LOGIT_CUES if getattr(self, name)]
-        return np.array([self.constant, self.size, *(weight for row in rows for weight in row)])
+        return np.array([self.constant, self.size, *(weight for name in LOGIT_CUES for weight in getattr(self, name))])
 
     @classmethod
     def of(cls, case: Case, vector: Sequence[float]) -> Weights:

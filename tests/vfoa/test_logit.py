@@ -11,11 +11,14 @@ from hypothesis import strategies as st
 
 from tests.scenes import entry_distance
 from vfoa.bayes import BayesSettings, HeldBelief, Posterior
+from vfoa.errors import VfoaError
 from vfoa.geometry import perturb
 from vfoa.instance_tracking import PATIENCE
 from vfoa.logit import (
+    Cases,
     Logit,
     LogitSettings,
+    LogitWeights,
     Remembered,
     Weights,
     default_weights,
@@ -88,6 +91,40 @@ def test_the_target_that_all_directions_point_at_is_the_likeliest(gaze: Float | 
             assert 0 < sum(totals.values()) < 1
             for value in found.values:
                 assert np.nansum([value.gaze, value.head]) == pytest.approx(value.total)
+
+
+@pytest.mark.parametrize(
+    ("sums", "shares"),
+    [
+        ({"gaze": 2.5, "middle": 1, "head": 0.25, "head_swing": 0.5, "head_overlap": 0.25}, (2 / 3, 1 / 3)),
+        ({"gaze": 1, "head": -2}, (1, 0)),
+        ({"gaze": -2, "head": 1}, (0, 1)),
+        ({"gaze": -1, "head": -1, "posterior": 1}, None),
+    ],
+)
+def test_a_total_is_divided_by_the_sums_of_the_weights_of_gaze_and_head(
+    sums: dict[str, float], shares: tuple[float, float] | None
+) -> None:
+    """As the posterior divides it, where neither has any; half of the weight of the middle belongs to each."""
+
+    def divided(head: Float | None, weights: LogitWeights) -> tuple[float, float]:
+        settings = LogitSettings(method="logit", weights=weights)
+        (found,) = results([looking(LEFT, head)], settings)[0].attentions
+        (value, _) = found.values
+        return value.gaze / value.total, value.head / value.total
+
+    default = default_weights()
+    both = {name: (0.25 * sums.get(name, 0), 0.75 * sums.get(name, 0)) for name in LOGIT_CUES}
+    weights = Weights(constant=0, size=0, **both)
+    alone = Weights(constant=0, size=0, gaze=(1, 1), posterior=(1, 1))
+    given = LogitWeights(forward=Cases(both=weights, gaze=alone, head=default.forward.head), both=default.both)
+    assert divided(LEFT, given) == pytest.approx(divided(LEFT, default) if shares is None else shares)
+    assert divided(None, given) == pytest.approx((1, np.nan), nan_ok=True)
+
+
+def test_weights_that_are_not_filled_in_are_refused() -> None:
+    with pytest.raises(VfoaError, match="left-out"):
+        results([looking(LEFT, LEFT)], LogitSettings(method="logit", weights="left-out"))
 
 
 def test_nowhere_is_the_focus_far_from_all_targets() -> None:
@@ -344,9 +381,12 @@ def test_a_label_stands_for_the_time_to_the_next_one() -> None:
 
 def test_weights_survive_their_vector() -> None:
     for case, rows in ROWS.items():
-        weights = getattr(default_weights().both, case)
-        assert Weights.of(case, weights.vector.tolist()) == weights.model_copy(update={"spread": 0.0})
-        assert {name for name in LOGIT_CUES if getattr(weights, name)} == {LOGIT_CUES[row] for row in rows}
+        constant, size, *of_cues = vector = [*range(1, 3 + 3 * len(rows))]
+        weights = Weights.of(case, vector)
+        assert weights.vector.tolist() == vector
+        assert (weights.constant, weights.size, weights.spread) == (constant, size, 0)
+        for row, first in zip(rows, of_cues[::3], strict=True):
+            assert getattr(weights, LOGIT_CUES[row]) == (first, first + 1, first + 2)
 
 
 def test_weights_of_the_wrong_shape_are_refused() -> None:
