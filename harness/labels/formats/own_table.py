@@ -367,8 +367,10 @@ def _frames(rows: Sequence[Cells], place: Sequence[str], exchange: Exchange, pat
     ranges = [(where, _range(where, cells, place, exchange)) for where, cells in rows]
     exchange.names.check(path)
     check_sequence(ranges, exchange.timeline, allow_gaps=True)
-    found = [row for _, row in ranges]
-    return exchange.labels(found if len(place) > 1 else _joined(found, exchange.frames), path)
+    found = [row for _, row in ranges if exchange.positions(row)]
+    of_frames = found if len(place) > 1 else _joined(found, exchange.frames)
+    outside = [where for where, row in ranges if not exchange.positions(row)]  # the clip may lack numbers in between
+    return without(outside, exchange.labels(of_frames, path), path)
 
 
 def _range(where: str, cells: Mapping[str, str], place: Sequence[str], exchange: Exchange) -> LabelRange:

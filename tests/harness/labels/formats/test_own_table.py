@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -535,6 +536,28 @@ def test_what_is_left_out_is_said(tmp_path: Path) -> None:
     assert "1 row without" in blank
     assert "girl: 1 frame " in filled
     assert outside.endswith(f"the first at {tmp_path / 'mine.csv'}:5.")
+
+
+@pytest.mark.parametrize(
+    ("text", "found", "said"),
+    [
+        ("frame,target\n" + "".join(f"{n},bird\n" for n in range(12)), [0, 4, 8], "9 labels .*:3"),  # counted through
+        ("frame,target\n0,bird\n4,bird\n8,bird\n", [0, 4, 8], ""),
+        ("first_frame,last_frame,target\n0,3,bird\n4,9,bird\n", [0, 4, 8], ""),
+        ("first_frame,last_frame,target\n0,3,bird\n5,7,cup\n8,9,bird\n", [0, 8], "1 label .*:3"),
+    ],
+)
+def test_rows_of_frames_that_the_clip_does_not_have_are_counted(
+    tmp_path: Path, text: str, found: list[int], said: str
+) -> None:
+    """Of every fourth frame of a film, 0, 4, 8 and so on, rows that count them through are of others."""
+    clip = replace(exchange(PlainClip(frames=range(0, 40, 4), rate_hz=10.0)), subjects=("girl",))
+    imported = OwnTable().read(write_text(tmp_path / "mine.csv", text), clip)
+    labels = {frame: imported.labels.at(frame, "girl") for frame in clip.frames}
+    assert [frame for frame, label in labels.items() if label and label.target == "bird"] == found
+    notes = [note for note in imported.notes if "without a frame of the clip" in note]
+    assert len(notes) == bool(said)
+    assert all(re.search(said, note) for note in notes)
 
 
 def test_names_are_translated_and_a_note_is_kept(tmp_path: Path) -> None:
