@@ -28,9 +28,22 @@ def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator
                 yield f"{table}.{name}.instance: no {rule.category} has the number {rule.instance}; numbers: {ids}"
             elif rule.instance is None and not rule.is_shared:
                 yield f"{table}.{name}: without images, expected instance, or the category alone"
+    yield from nameless_subjects(manifest, clip)
     if (farthest := clip.farthest()) is not None and farthest[2] > MAX_DISTANCE_M:
         name, number, distance_m = farthest
         yield f"frame {number}: {name} is {distance_m:g} m away; expected metres (millimetres?)"
+
+
+def nameless_subjects(manifest: ClipManifest, clip: MeasuredClip) -> Iterator[str]:
+    """Subjects that may be any of several people: the source has no person of the name, and no number tells which."""
+    taken = {*manifest.subjects, *(rule.instance for rule in manifest.subjects.values())}
+    others = {name: number for name, number in clip.people.items() if not {name, number} & taken}
+    for name, rule in manifest.subjects.items():
+        if name not in clip.people and rule.is_shared and len(others) > 1:
+            yield (
+                f"subjects.{name}: no person of this name; expected one of {', '.join(others)}, or instance, the "
+                f"number: {others}"
+            )
 
 
 MOST_AIMS = 400

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from harness.clips.manifest import ClipManifest
-from harness.clips.naming import FrameNames, Namer
+from harness.clips.naming import FrameNames, Namer, NameRule
 from harness.files.unchanged import read_unchanged
 from harness.pipeline.cache import ClipCache, Tally
 from harness.pipeline.configuration import OFF, STAGES, Configuration, StageChoice, open_method, reads_clip
@@ -393,7 +393,7 @@ def pose_frames(
     """
     directions = {configuration.name: _Directions.of(configuration, clip) for configuration in configurations}
     following = {
-        tracking: (Tracker(tracking), Namer(manifest.subjects, manifest.targets))
+        tracking: (Tracker(tracking), Namer(_own_subjects(manifest, clip), manifest.targets))
         for tracking in dict.fromkeys(configuration.attend.tracking for configuration in configurations)
     }
     answers = _answers(configurations, manifest, clip)
@@ -420,6 +420,14 @@ def pose_frames(
                 seen, tracked, names = answers[name].complete(seen, tracked, names)
             results[name] = FollowedFrame(None, seen, tracked, names, {**timings})
         yield SharedFrame(index=number, frame=None, by_configuration=results)
+
+
+def _own_subjects(manifest: ClipManifest, clip: MeasuredClip) -> dict[str, NameRule]:
+    """The rules of the subjects: one whom the clip names is nobody else, also where the person is not in a frame."""
+    return {
+        name: NameRule(category=clip.categories[name], instance=clip.people[name]) if name in clip.people else rule
+        for name, rule in manifest.subjects.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)

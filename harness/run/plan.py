@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from harness.clips.check_measured import nameless_subjects
 from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.matching import first_middle_last, near_notes
@@ -209,6 +210,8 @@ def _check_names(manifests: Iterable[ClipManifest], experiment: Experiment) -> N
 
 def _prepare_clip(manifest: ClipManifest, limit: int | None, experiment: Experiment) -> PreparedClip:
     clip = manifest.open()
+    if isinstance(clip, MeasuredClip) and (problem := next(nameless_subjects(manifest, clip), None)):
+        raise VfoaError(f"{manifest.path}: {problem}")
     _check_annotator(manifest, experiment)
     labels = manifest.labels(timeline_of(clip), experiment.annotator)
     drawn = None if isinstance(clip, MeasuredClip) else drawn_on(manifest, clip.frames, experiment)

@@ -152,6 +152,42 @@ def test_a_name_that_the_tables_do_not_have_is_found_by_the_check(talk: Path) ->
     assert problem.startswith("targets.cup.instance: no cup has the number 3")
 
 
+def test_a_subject_who_is_not_there_is_nobody_else(talk: Path) -> None:
+    """Anna is no subject, and has Ben's eyes all along: his name does not become hers when he leaves."""
+    people = talk / "data" / "talk" / "people.csv"
+    kept = [line for line in people.read_text().splitlines() if ",ben," not in line or int(line.split(",")[0]) < 7]
+    write_text(people, "\n".join(kept))
+    path = talk / "datasets" / "talk.toml"
+    plain = re.sub(r"(?m)^instance = .*\n", "", path.read_text())
+    write_text(
+        path, plain.replace('[subjects.anna]\ncategory = "person"\n', "") + '[targets.anna]\ncategory = "person"\n'
+    )
+    rows = [line for line in true_labels().splitlines() if ",anna," not in line or ",ben,anna" in line]
+    write_text(talk / "annotations" / "talk.csv", "\n".join(rows))
+    scores = rescore(_run(talk))
+    row = next(row for row in scores.rows if row.configuration == "cones")
+    assert (row.n, row.correct, row.error_types["no_subject"]) == (12, 6, 6)
+
+
+def test_a_subject_that_may_be_any_of_several_people_is_refused(talk: Path) -> None:
+    """Spelt otherwise than in the tables, Anna was the person whom they name first, and Ben whenever she was lost."""
+    path = talk / "datasets" / "talk.toml"
+    plain = re.sub(r"(?m)^instance = .*\n", "", path.read_text())
+    write_text(talk / "annotations" / "talk.csv", true_labels().replace("anna", "Anna"))
+    numbered = plain.replace("[subjects.anna]", "[subjects.Anna]\ninstance = 1")
+    for text in (plain.replace("subjects.anna", "subjects.Anna"), numbered):
+        write_text(path, text)
+        assert check_clip("talk").problems == ()  # Ben has his name, so that she is the other one
+        prepare(load_experiment("talk.toml"))
+    both = plain.replace("subjects.anna", "subjects.Anna").replace("subjects.ben", "subjects.Ben")
+    write_text(talk / "annotations" / "talk.csv", true_labels().replace("anna", "Anna").replace("ben", "Ben"))
+    write_text(path, both)
+    said = "subjects.Anna: no person of this name; expected one of anna, ben"
+    assert check_clip("talk").problems[0].startswith(said)
+    with pytest.raises(VfoaError, match=rf"talk\.toml: {said}"):
+        prepare(load_experiment("talk.toml"))
+
+
 def test_millimetres_are_found_by_the_check(talk: Path) -> None:
     path = talk / "datasets" / "talk.toml"
     path.write_text(path.read_text().replace("[source]", "[source]\nobjects = {wall = {center_m = [0, 0, 2500]}}"))
