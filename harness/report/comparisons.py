@@ -59,17 +59,24 @@ _NOTES = (
 
 def compare_configurations(scores: Scores) -> tuple[Comparison, ...]:
     """Compare every two configurations of a run, without the oracle ablation, which has a table of its own."""
-    return compare(_compared_frames(scores))
+    return scores.memoized("comparisons", lambda: compare(_compared_frames(scores)))
+
+
+def compare_levels(scores: Scores) -> dict[str, tuple[Comparison, ...]]:
+    """Compare every two labels of each factor of a grid, as :func:`harness.report.factors.compare_factors` does."""
+    return scores.memoized("factors", lambda: compare_factors(_compared_frames(scores), scores.factors))
 
 
 def factors_table(scores: Scores) -> Table:
     """The labels of each factor of a grid, compared over all values of the others; no rows for a run without a grid."""
-    groups = compare_factors(_compared_frames(scores), scores.factors)
-    return comparison_table([comparison for group in groups.values() for comparison in group], title=_FACTORS)
+    groups = compare_levels(scores).values()
+    return comparison_table([comparison for group in groups for comparison in group], title=_FACTORS)
 
 
 def _compared_frames(scores: Scores) -> dict[str, list[ScoredFrames]]:
-    return {name: scores.frames_of(name) for name in without_oracles(scores.scored_configurations)}
+    """The scored frames of each configuration that has some."""
+    names = without_oracles(scores.scored_configurations)
+    return {name: frames for name in names if (frames := scores.frames_of(name))}
 
 
 def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:

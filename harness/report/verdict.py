@@ -8,11 +8,11 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from harness.report.advice import advice
-from harness.report.factors import compare_factors
+from harness.report.comparisons import compare_configurations, compare_levels
 from harness.report.formats import interval_range, percent
 from harness.run.grid import base_of
 from harness.score.baselines import BASELINES, SEES_LABELS
-from harness.score.comparison import Comparison, compare
+from harness.score.comparison import Comparison
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES
@@ -43,7 +43,7 @@ def verdict_lines(scores: Scores) -> list[str]:
     best = max(rows, key=lambda row: row.frr)
     lines = [_best_line(best, rows), _baseline_line(best)]
     if len(rows) > 1:
-        lines += _difference_lines(scores, [row.configuration for row in rows])
+        lines += _difference_lines(scores)
     return [*lines, *_next_lines(scores, best.configuration, is_alone=len(rows) == 1, room=MOST_LINES - len(lines))]
 
 
@@ -78,12 +78,11 @@ def _baseline_line(best: ScoreRow) -> str:
     return f"{line}{f'; always one answer: {percent(constant)} %' if is_as_good else ''}."
 
 
-def _difference_lines(scores: Scores, names: Sequence[str]) -> list[str]:
+def _difference_lines(scores: Scores) -> list[str]:
     """At most two lines on the differences between configurations; the factors of a grid that fit none are counted."""
-    frames = {name: scores.frames_of(name) for name in names}
-    groups = compare_factors(frames, scores.factors)
+    groups = compare_levels(scores)
     if not groups:
-        return list(_Contrast.of(compare(frames)).sentences())
+        return list(_Contrast.of(compare_configurations(scores)).sentences())
     factors = {key: _Contrast.of(group) for key, group in groups.items()}
     if len(factors) > 2:
         return _many_factors(factors)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ from harness.score.verdict_columns import PairVerdicts, judge_columns
 from harness.score.verdicts import ERROR_TYPES, PLAIN, Verdict
 from vfoa.types import Flags, Float
 
+Value = TypeVar("Value")
 Beats = Literal["yes", "not shown", "no"]
 """Whether a configuration beats the best baseline: significantly, possibly by chance, or not at all."""
 
@@ -130,6 +131,14 @@ class Scores:
     phases: Mapping[str, Scores] = field(default_factory=dict)
     has_answers_of_file: bool = False
     is_recorded: bool = True
+    _memo: dict[str, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
+
+    def memoized(self, name: str, make: Callable[[], Value]) -> Value:
+        """Return what ``make`` makes of these scores; the first result of a name is kept, as several tables ask."""
+        if name not in self._memo:
+            self._memo[name] = make()
+        found: Value = self._memo[name]
+        return found
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:

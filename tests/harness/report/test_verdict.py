@@ -6,7 +6,7 @@ import math
 import re
 import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -20,7 +20,9 @@ from harness.report.comparisons import factors_table
 from harness.report.factors import compare_factors, grid_levels
 from harness.report.tables import error_types_table
 from harness.report.verdict import MOST_LINES, next_steps, verdict_lines
+from harness.report.write import run_tables
 from harness.score.baselines import BASELINES
+from harness.score.comparison import Comparison, compare_pairs
 from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import ERROR_TYPES
@@ -52,6 +54,24 @@ def _said(right: Mapping[str, float], **how: Any) -> list[str]:
     lines = verdict_lines(_scores(right, **how))
     assert 1 <= len(lines) <= MOST_LINES
     return lines
+
+
+def test_tables_page_and_terminal_share_one_comparison_of_each_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: list[list[tuple[str, str]]] = []
+
+    def counted(frames: Any, pairs: Iterable[tuple[str, str]]) -> tuple[Comparison, ...]:
+        compared.append([*pairs])
+        return compare_pairs(frames, compared[-1])
+
+    monkeypatch.setattr("harness.score.comparison.compare_pairs", counted)
+    right = {"bm-one": 0.5, "bm-two": 0.7, "sgbm-one": 0.5, "sgbm-two": 0.7}
+    for factors, pairs in ((None, [6]), (_factors(*right), [1, 1, 6])):  # of a grid: those of each factor, too
+        compared.clear()
+        scores = _scores(right, factors=factors)
+        tables = run_tables(scores)
+        assert verdict_lines(scores) == verdict_lines(scores) != []
+        assert sorted(map(len, compared)) == pairs
+        assert (len(tables["comparisons"].rows), len(tables["factors"].rows)) == (6, sum(pairs) - 6)
 
 
 def test_the_answer_comes_first_then_the_baseline_then_each_factor_then_the_next_step() -> None:
