@@ -14,15 +14,20 @@ import typer
 
 from harness.cli.options import Json, named_once
 from harness.cli.run import experiment_of
-from harness.cli.terminal import print_json, print_table, say
+from harness.cli.terminal import MOST_ROWS, print_json, print_table, say
 from harness.files.groups import grouped
 from harness.files.safe_names import vfoa_command
-from vfoa.errors import VfoaError, listed
+from vfoa.errors import VfoaError, counted, listed
 
 if TYPE_CHECKING:
     from harness.clips.add import Added
     from harness.pipeline.stage_files.other_programs import Part, Program
     from harness.sources import Clip, MeasuredClip
+
+MOST_FAILURES = 10
+"""Most paths that cannot be added whose errors are printed; the others are named."""
+MOST_NAMED = 4
+"""Most clips that the next commands name one by one; more are named by patterns."""
 
 
 def add_clip(
@@ -115,13 +120,16 @@ def add_clip(
         one = added(paths[0], name)
         print_json(asdict(one)) if as_json else _print(one)
         return
-    clips, failed = [], 0
+    clips, failed = [], list[str]()
     for path, of_path in distinct_names(paths).items():
         try:
             clips.append(added(path, of_path))
         except VfoaError as error:
-            failed += 1
-            say(f"not added: {error}", err=True)
+            failed.append(path)
+            if len(failed) <= MOST_FAILURES:
+                say(f"not added: {error}", err=True)
+    if more := failed[MOST_FAILURES:]:
+        say(f"not added: {counted(len(more), 'path')} more: {listed(more)}", err=True)
     if as_json:
         print_json([asdict(clip) for clip in clips])
     elif clips:
@@ -251,14 +259,15 @@ def _print_all(clips: Sequence[Added]) -> None:
     """Print what was found in several clips, and what each kind of them needs."""
     sizes = [clip.rig and f"{clip.rig.width_px}x{clip.rig.height_px}" for clip in clips]
     baselines = [clip.rig and clip.has_right and f"{clip.rig.baseline_m:.4g}" for clip in clips]
+    rows = [
+        [clip.name, clip.adapter, clip.frames, size, baseline or None, clip.calibration]
+        for clip, size, baseline in zip(clips, sizes, baselines, strict=True)
+    ]
     print_table(
-        ["clip", "adapter", "frames", "size", "baseline m", "calibration"],
-        [
-            [clip.name, clip.adapter, clip.frames, size, baseline or None, clip.calibration]
-            for clip, size, baseline in zip(clips, sizes, baselines, strict=True)
-        ],
-        shortened="calibration",
+        ["clip", "adapter", "frames", "size", "baseline m", "calibration"], rows[:MOST_ROWS], shortened="calibration"
     )
+    if len(rows) > MOST_ROWS:
+        say(f"The first {MOST_ROWS} of {len(rows)} clips: `vfoa clips list` has all.")
     for note, of_note in grouped((note, clip.name) for clip in clips for note in clip.notes).items():
         say(f"note: {listed(of_note)}: {note}")
     kinds = grouped(((clip.rig is None, clip.has_right, bool(clip.targets)), clip) for clip in clips)
@@ -272,9 +281,11 @@ def _next_steps(clips: Sequence[Added]) -> Iterator[str]:
 
     The clips are all with images, or all without, and need the same options.
     """
+    from harness.clips.families import patterns_of
     from harness.labels.formats import FORMATS
 
-    added, names = clips[0], shlex.join(clip.name for clip in clips)
+    added, words = clips[0], [clip.name for clip in clips]
+    names = shlex.join(words if len(words) <= MOST_NAMED else patterns_of(words))
     if not added.subjects:
         yield "missing for a table: people who look, objects they look at, labels of who looks at what"
         yield "next: the same command with names: people from left to right, objects by the segmenter's category"
@@ -291,7 +302,7 @@ def _next_steps(clips: Sequence[Added]) -> Iterator[str]:
     else:
         yield f"next: vfoa annotate {added.name}"
         if len(clips) > 1:
-            yield f"      then {listed([clip.name for clip in clips[1:]])}"
+            yield f"      then {listed(words[1:], MOST_NAMED)}"
     options, fetch = _run_options(added)
     if fetch:
         yield f"next: {fetch}"

@@ -12,7 +12,7 @@ import typer
 
 from harness.cli.clip_adding import add_clip
 from harness.cli.options import Clip, Json, clip_and_family_names
-from harness.cli.terminal import bytes_bar, exit_if_interrupted, frames_bar, print_json, print_table, say
+from harness.cli.terminal import MOST_ROWS, bytes_bar, exit_if_interrupted, frames_bar, print_json, print_table, say
 from harness.files.groups import grouped
 from vfoa.errors import VfoaError, check_known, counted, listed
 
@@ -199,6 +199,10 @@ def _print_list(rows: list[ClipRow]) -> None:
 
 
 def _print_checks(checks: list[ClipCheck]) -> None:
+    """Print the checks, of many those that fail before others, then each problem and note with its clips."""
+    shown = checks
+    if len(checks) > MOST_ROWS:
+        shown = sorted(checks, key=lambda check: not check.problems)[:MOST_ROWS]
     print_table(
         ["clip", "check", "frames", "size", "baseline m", "row error px", "labels"],
         [
@@ -211,9 +215,12 @@ def _print_checks(checks: list[ClipCheck]) -> None:
                 _rounded(check.vertical_error_px, 2),
                 check.labels,
             ]
-            for check in checks
+            for check in shown
         ],
     )
+    if len(shown) < len(checks):
+        failing = sum(bool(check.problems) for check in checks)
+        say(f"{len(shown)} of {len(checks)} clips, of which {failing} fail: those that fail first.")
     lines = {check.name: (*check.problems, *(f"note: {note}" for note in check.notes)) for check in checks}
     for line, clips in grouped((line, name) for name, of_clip in lines.items() for line in of_clip).items():
         say(f"{listed(clips)}: {line}")

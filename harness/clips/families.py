@@ -17,15 +17,17 @@ A variable without a value is refused; in ``root`` it may be one of the environm
 from __future__ import annotations
 
 import fnmatch
+import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from harness.files.ascending import natural_order
+from harness.files.digests import settled_stamp
 from harness.files.folders import folders, names
+from harness.files.groups import grouped
 from harness.files.io import read_text
 from harness.files.parsing import parse_toml
 from harness.files.remote import VARIABLE
@@ -82,6 +84,18 @@ def matching(pattern: str) -> list[str]:
     return own or found
 
 
+def patterns_of(clips: Sequence[str]) -> list[str]:
+    """The fewest beginnings with ``*`` that :func:`matching` reads as these clips alone, and names that have none."""
+    first, last = min(clips), max(clips)
+    beginning = first[
+        : next((k for k, (one, other) in enumerate(zip(first, last, strict=False)) if one != other), None)
+    ]
+    if len(clips) == 1 or (beginning and {*matching(f"{beginning}*")} == {*clips}):
+        return [clips[0] if len(clips) == 1 else f"{beginning}*"]
+    groups = grouped((name[: len(beginning) + 1], name) for name in clips)
+    return [pattern for group in groups.values() for pattern in patterns_of(group)]
+
+
 def is_pattern(name: str) -> bool:
     """Whether it is one for :func:`matching`: no clip's name has these characters."""
     return "*" in name or "?" in name
@@ -104,20 +118,25 @@ _CLIPS = re.compile(r"""^\s*(\[\s*)?["']?clips\b""", re.MULTILINE)
 
 
 def clips_of(path: Path) -> tuple[str, ...]:
-    """The clips of a family; none for the manifest of one clip, and for a file that cannot be read."""
+    """The clips of a family; none for the manifest of one clip, and for a file that cannot be read.
+
+    Every search for a clip asks all files, so what was found is kept by the file's stamp.
+    """
+    stamp = settled_stamp([("clips", os.fspath(path))])
+    if stamp in _KNOWN:
+        return _KNOWN[stamp]
+    clips: tuple[str, ...] = ()
     with suppress(VfoaError):
         text = read_text(path)
-        return _clips_in(text) if _CLIPS.search(text) else ()
-    return ()
+        found = parse_toml(text, "").get("clips") if _CLIPS.search(text) else None
+        clips = tuple(found) if isinstance(found, dict) else ()
+    if stamp is not None:
+        _KNOWN[stamp] = clips
+    return clips
 
 
-@lru_cache(maxsize=64)
-def _clips_in(text: str) -> tuple[str, ...]:
-    """The clips in the text of a family's manifest, parsed once: every search for a clip asks all families."""
-    with suppress(VfoaError):
-        clips = parse_toml(text, "").get("clips")
-        return tuple(clips) if isinstance(clips, dict) else ()
-    return ()
+_KNOWN: dict[str | None, tuple[str, ...]] = {}
+"""The clips of a family by the stamp of its file (:mod:`harness.files.digests`)."""
 
 
 def member_of(data: dict[str, Any], path: Path, clip: str | None) -> dict[str, Any]:

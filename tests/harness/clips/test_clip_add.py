@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from harness.cli.clip_adding import MOST_FAILURES
 from harness.cli.clips import app
+from harness.cli.terminal import MOST_ROWS
 from harness.clips.check import check_clip, depth_notes
+from harness.clips.families import patterns_of
 from harness.clips.manifest import load_manifest
 from harness.sources import ADAPTERS, Recogniser
 from tests.disk import HEIGHT, WIDTH, write_image, write_text
@@ -27,6 +30,7 @@ from tests.harness.clips.adding import (
     vfoa,
     views,
 )
+from tests.measured import measured_tables
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
 from vfoa.types import StereoFrame
@@ -74,6 +78,32 @@ def test_several_paths_are_clips_of_their_own(tmp_path: Path) -> None:
     names = ("p01_zed", "p02_zed", "p01_rec", "p02_rec")
     assert [check["problems"] for check in vfoa("check", *names)] == [[]] * 4
     assert {path.stem for path in Path("datasets").iterdir()} == {*names}
+
+
+def test_many_clips_are_named_by_a_pattern_and_their_rows_and_errors_by_the_first_ones(tmp_path: Path) -> None:
+    paths = [str(measured_tables(tmp_path / f"pilot_{k}")) for k in range(MOST_ROWS + 2)]
+    gone = [str(tmp_path / f"gone_{k}") for k in range(MOST_FAILURES + 3)]
+    found = CliRunner().invoke(app, ["add", *paths, *gone], catch_exceptions=False)
+    lines = found.stdout.splitlines()
+    assert sum("measured" in line and line.lstrip().startswith("pilot_") for line in lines) == MOST_ROWS
+    assert "next: vfoa clips check 'pilot_*'" in lines
+    assert "next: vfoa run 'pilot_*' --preset measured" in lines
+    *errors, others = found.stderr.splitlines()
+    assert errors == [f"not added: {path}: no such file or folder" for path in gone[:MOST_FAILURES]]
+    assert others == f"not added: 3 paths more: {', '.join(gone[MOST_FAILURES:])}"
+    (tmp_path / "pilot_7" / "people.csv").unlink()
+    checked = CliRunner().invoke(app, ["check", "pilot_*"], catch_exceptions=False).stdout.splitlines()
+    assert sum(line.lstrip().startswith("pilot_") for line in checked if "  ok  " in line) == MOST_ROWS - 1
+    assert next(line for line in checked if " pilot_" in line).split()[:2] == ["pilot_7", "fails"]
+
+
+def test_patterns_name_these_clips_and_no_others() -> None:
+    for name in ("p01", "p02", "p1", "p10", "talk", "talk_1"):
+        write_text(Path("datasets") / f"{name}.toml", "")
+    assert patterns_of(["p01", "p02", "p1", "p10"]) == ["p*"]
+    assert patterns_of(["talk", "p01", "p02"]) == ["talk", "p0*"]
+    assert patterns_of(["p01", "p10", "p1", "talk_1"]) == ["p01", "p1*", "talk_1"]
+    assert patterns_of(["p02"]) == ["p02"]
 
 
 @pytest.mark.parametrize("option", [("--name", "mine"), ("--openface", "a.csv"), ("--gaze3d", "a.csv")])
