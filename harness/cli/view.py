@@ -39,7 +39,8 @@ def view(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Show this person's tab. With --failures: only of this person.",
+            help="Show this person's tab. Default: with --frame that of the first person who is wrong there. "
+            "With --failures: only of this person.",
             callback=composed_name,
         ),
     ] = None,
@@ -88,6 +89,8 @@ def view(
         check_new(screenshot, replace=replace, hint=", or another --screenshot", inputs=inputs)
         if screenshot.suffix.lower() != ".png":
             raise VfoaError(f"--screenshot {screenshot}: found the suffix {screenshot.suffix!r}; expected .png")
+    if frame is not None and subject is None and folder.is_dir():
+        subject = _first_wrong(folder, clip, config, compare, frame)
     if compare is None:
         recordings = find_recordings(folder, clip, config, subject)
     else:
@@ -107,6 +110,18 @@ def view(
     else:
         with ended_by_signals():
             viewer.show(recordings, frame)
+
+
+def _first_wrong(
+    run: Path, clip: str | None, config: str | None, compare: tuple[str, str] | None, frame: int
+) -> str | None:
+    """The first subject who is wrong in a frame of the recording that opens first; None if nobody is."""
+    from harness.record.composed import find_clips
+    from harness.record.frame_reading import first_wrong
+
+    first, *_ = find_clips(run, clip, config)
+    shown = [first] if compare is None else [first.under(name) for name in compare]
+    return next((subject for each in shown if (subject := first_wrong(each, frame)) is not None), None)
 
 
 def _say_whole(file: Path) -> None:
@@ -199,7 +214,11 @@ def export_failure(
     config: OneConfiguration = None,
     subject: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Open it with this person's tab in front.", callback=composed_name),
+        typer.Option(
+            metavar="NAME",
+            help="Open it with this person's tab in front. Default: the first person who is wrong in the frame.",
+            callback=composed_name,
+        ),
     ] = None,
     margin: Annotated[int, typer.Option(metavar="N", help="Frames to keep on either side.")] = 10,
     out: Annotated[
@@ -212,6 +231,7 @@ def export_failure(
     from harness.files.io import check_new
     from harness.record.composed import find_clips
     from harness.record.excerpt import write_excerpt
+    from harness.record.frame_reading import first_wrong
 
     folder = run_folder(run)
     first, *others = find_clips(folder, clip, config)
@@ -225,5 +245,5 @@ def export_failure(
     excerpt = out or Path(f"{recording.name}__{frame}.rrd")
     check_new(excerpt, replace=replace or out is None, hint=", or another --out", inputs=recording.files)
     say_relabelled(folder, clip)
-    write_excerpt(first, subject, frame, margin, excerpt)
+    write_excerpt(first, subject or first_wrong(first, frame), frame, margin, excerpt)
     say(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")

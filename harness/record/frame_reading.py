@@ -60,6 +60,23 @@ def read_frame(clip: RecordedClip, configuration: str, subject: str, frame: int)
     )
 
 
+def first_wrong(clip: RecordedClip, frame: int) -> str | None:
+    """The first subject whose answer is wrong in a frame, under the first configuration that has one; None if none is.
+
+    Raises
+    ------
+    VfoaError
+        If a layer of verdicts is damaged.
+    """
+    for layers in clip.layers:
+        file = clip.files.verdicts(layers.configuration)
+        for subject in clip.subjects:
+            path = entities.verdict(layers.configuration, subject, "error_type")
+            if any(_values(file, path, "TextDocument:text", frame)):
+                return subject
+    return None
+
+
 def _values(
     file: Path, content: str, component: str, frame: int, first: int | None = None
 ) -> Iterator[tuple[str, Any]]:

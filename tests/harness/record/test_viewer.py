@@ -24,9 +24,11 @@ from harness.record.blueprint import eye_of_scene, eye_on
 from harness.record.composed import Composed, find_clips, find_recordings
 from harness.record.excerpt import write_excerpt
 from harness.record.reading import RecordingFile, first_shapes
+from harness.record.verdict_layer import write_verdict_layers
 from harness.record.viewer import screenshot
 from harness.run.directory import RunDirectory
-from tests.harness.record.conftest import ANN, CONFIGURATION, Columns, write_run
+from tests.harness.record.conftest import ANN, CONFIGURATION, LABELS, Columns, verdict, write_run
+from tests.records import write_manifest
 from vfoa.errors import VfoaError
 from vfoa.geometry import box_corners
 
@@ -406,6 +408,35 @@ def test_a_layer_that_is_opened_alone_is_said_to_be_one(frames, tmp_path, monkey
         error = capsys.readouterr().err
         assert said in error
         assert bool(error) == bool(said)
+
+
+def test_a_frame_opens_with_the_tab_of_the_person_who_is_wrong_there(frames, tmp_path, monkeypatch):
+    run = write_run(tmp_path / "run", {"one": frames, "two": frames}).run
+    directory = RunDirectory(run)
+    manifest = directory.read_manifest()
+    people = {
+        "subjects": {"aron": {}, ANN: {}},
+        "targets": {"red cup": {}},
+    }  # the first tab is that of aron, who has no labels
+    clip = manifest.plain()["clips"][0] | {"names": people}
+    write_manifest(directory, manifest.plain() | {"clips": [clip]})
+    write_verdict_layers(directory, {"clip": LABELS})
+    shown = []
+    monkeypatch.setattr(viewer, "show", lambda recordings, frame: shown.append(recordings[0].subject))
+    for frame in frames:
+        wrong = ANN if verdict(frame).outcome == "wrong" else None
+        for more in ([], ["--config", "two"], ["--compare", "one", "two"]):
+            assert _vfoa(monkeypatch, "view", str(run), "--frame", str(frame.record.frame), *more) == 0
+            assert shown.pop() == wrong
+    assert {verdict(frame).outcome for frame in frames} >= {"correct", "wrong"}
+    assert _vfoa(monkeypatch, "view", str(run), "--frame", "14", "--subject", "aron") == 0
+    assert shown.pop() == "aron"
+    cut = tmp_path / "cut.rrd"
+    monkeypatch.setattr(
+        "harness.record.excerpt.write_excerpt", lambda *given: (shown.append(given[1]), given[-1].touch())
+    )
+    assert _vfoa(monkeypatch, "export-failure", str(run), "--config", "two", "--frame", "14", "--out", str(cut)) == 0
+    assert shown == [ANN]
 
 
 def test_two_configurations_are_compared_side_by_side_by_one_command(frames, tmp_path, monkeypatch, capsys):
