@@ -227,11 +227,17 @@ def _advice(plan: Plan, run: Path) -> str | None:
     return f"{clip} has no labels. {sentences} When it has some, `{vfoa_command('fit', run)}` fits to them."
 
 
+_MOST_FAILURES = 10
+"""Most clips under configurations that failed of which the terminal has the errors."""
+
+
 def _report_failures(directory: RunDirectory) -> None:
     """Print what could not be finished, and exit with code 1 if there is anything."""
     failed = directory.read_manifest().failed
-    for failure in failed:
+    for failure in failed[:_MOST_FAILURES]:
         say(f"vfoa: {directory.line_of(failure)}", err=True)
+    if more := failed[_MOST_FAILURES:]:
+        say(f"vfoa: and {len(more)} more: `failed` in {directory.manifest}", err=True)
     if failed:
         say(f"vfoa: {len(failed)} failed; run again with --retry-failed when the cause is fixed", err=True)
         raise typer.Exit(1)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+from harness.files.groups import grouped
 from harness.report.formats import UNKNOWN, Table, interval_range, number, percent, percent_range
 from harness.report.verdict import compared_rows, next_steps
 from harness.run.notes import WARNINGS, Note, NoteKind, unlabelled
@@ -30,6 +31,7 @@ from harness.score.metrics import load_metrics
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, SET_LEVEL
+from vfoa.errors import listed
 from vfoa.scoring import ALL, BINS, LEAST_PROBABILITY
 
 FRR_NOTES = (
@@ -66,6 +68,10 @@ SHARES, LOSSES = ("balanced_frr", "recall_targets", "recall_nowhere"), ("log_los
 """The metrics of the main table, beside the FRR, which alone would reward the answer "nowhere"."""
 MOST_SHOWN = 12
 """Most configurations that the terminal shows unasked."""
+MOST_REMARKS = 12
+"""Most clips that a sentence of their own says are no better than a baseline."""
+_MOST_CLIPS = 4
+"""Most clips that a sentence on many of them names."""
 MOST_PRINTED_ROWS = 40
 """Most rows of a table that floats on a printed page: LaTeX cuts off what is beyond its end."""
 
@@ -353,24 +359,33 @@ def subjects_table(scores: Scores) -> Table:
 def remarks(scores: Scores) -> list[Note]:
     """The run's own notes, and further ones: clips without labels, clips on which a baseline is as good."""
     asked = without_oracles(scores.scored_configurations)
-    rows = [row for row in scores.by_clip() if row.configuration in asked]
-    notes = list(scores.notes)
+    by_clip = grouped((row.clip, row) for row in scores.by_clip() if row.configuration in asked)
+    noted = {note.clip for note in scores.notes if note.kind == NoteKind.UNLABELLED}
+    notes, as_good = list(scores.notes), list[tuple[str, str, float, float]]()
     for clip in scores.clips:
-        of_clip = [row for row in rows if row.clip == clip]
-        if not of_clip:
-            if not any(note.kind == NoteKind.UNLABELLED and note.clip == clip for note in notes):
-                how = how_to_label(clip, scores.settings.values())
-                notes.append(unlabelled(clip, f"no frame is labelled, not scored; {how}."))
-            continue
-        rate, name = max((max(row.baselines[name] for row in of_clip), name) for name in BASELINES)
-        best = max(row.frr for row in of_clip)
-        if rate >= best:
-            text = (
-                f"{clip}: the baseline {_words(name).lower()!r} is right in {percent(rate)} % of the frames, the "
-                f"best configuration in {percent(best)} %."
-            )
-            notes.append(Note(text))
-    return notes
+        if of_clip := by_clip.get(clip):
+            rate, name = max((max(row.baselines[name] for row in of_clip), name) for name in BASELINES)
+            best = max(row.frr for row in of_clip)
+            if rate >= best:
+                as_good.append((clip, _words(name).lower(), rate, best))
+        elif clip not in noted:
+            how = how_to_label(clip, scores.settings.values())
+            notes.append(unlabelled(clip, f"no frame is labelled, not scored; {how}."))
+    return [*notes, *map(Note, _as_good_baselines(as_good))]
+
+
+def _as_good_baselines(found: Sequence[tuple[str, str, float, float]]) -> list[str]:
+    """A sentence for each clip, baseline, its rate and that of the best configuration; one sentence for many clips."""
+    if len(found) <= MOST_REMARKS:
+        return [
+            f"{clip}: the baseline {name!r} is right in {percent(rate)} % of the frames, the best configuration in "
+            f"{percent(best)} %."
+            for clip, name, rate, best in found
+        ]
+    clips = grouped((name, clip) for clip, name, *_ in found)
+    most_first = sorted(clips.items(), key=lambda item: -len(item[1]))
+    counts = "; ".join(f"{name!r} in {len(having)} ({listed(having, _MOST_CLIPS)})" for name, having in most_first)
+    return [f"In {len(found)} clips a baseline is right as often as the best configuration, or more often: {counts}."]
 
 
 def _words(name: str) -> str:

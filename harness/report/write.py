@@ -18,7 +18,7 @@ from harness.report.comparisons import (
     published_table,
 )
 from harness.report.csv_tables import scores_table
-from harness.report.formats import LATEX_HEAD, to_csv, to_latex, to_markdown
+from harness.report.formats import LATEX_HEAD, Table, to_csv, to_latex, to_markdown
 from harness.report.page.data import Served
 from harness.report.page.packing import AttentionPart, RunAttention
 from harness.report.page.render import RunTables, render_page
@@ -58,6 +58,7 @@ from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from harness.score.subset import conditions_of
 from harness.score.verdicts import PLAIN
+from vfoa.scoring import ALL
 
 
 class Scored(NamedTuple):
@@ -231,6 +232,7 @@ def render_tables(scores: Scores, tables: RunTables) -> dict[str, str]:
         "oracle_ablation": tables["ablation"],
         "measures": terminal_measures(tables["stages"], scores),
     }
+    first, *others = (_all_clips_first(table) for table in (first, *others))
     return {
         "frr.md": "\n".join([to_markdown(first), *(to_markdown(table, level=2) for table in others)]),
         "frr.tex": LATEX_HEAD
@@ -238,3 +240,14 @@ def render_tables(scores: Scores, tables: RunTables) -> dict[str, str]:
         "comparisons.md": to_markdown(tables["comparisons"]),
         **{name: to_csv(table) for name, table in programs.items() if table.rows or name in _ALWAYS},
     }
+
+
+_MOST_ROWS = 200
+"""Most rows of a table of which the last ones are found."""
+
+
+def _all_clips_first(table: Table) -> Table:
+    """The table; of many rows those over all clips come first, which a reader would not find after them."""
+    if len(table.rows) <= _MOST_ROWS:
+        return table
+    return replace(table, rows=tuple(sorted(table.rows, key=lambda row: row[0] != ALL)))

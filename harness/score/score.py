@@ -273,23 +273,21 @@ _Group = tuple[str | None, str | None, str, list[JudgedSubject]]
 def _groups(subjects: Sequence[JudgedSubject], clips: Sequence[str], configurations: Sequence[str]) -> Iterator[_Group]:
     """Groups scored together, as (clip, subject, configuration, subjects), in the order of the tables."""
     scored = [of_subject for of_subject in subjects if len(of_subject.correct)]
-    by_name: dict[str, list[JudgedSubject]] = {base_of(name): [] for name in configurations}
-    for of_subject in scored:
-        by_name[base_of(of_subject.configuration)].append(of_subject)
-
-    def rows(clip: str | None, subject: str | None) -> Iterator[_Group]:
-        for name, of_name in by_name.items():
-            chosen = [of_subject for of_subject in of_name if clip in (None, of_subject.clip)]
-            if group := [of_subject for of_subject in chosen if subject in (None, of_subject.subject)]:
-                yield clip, subject, name, group
-
+    named = [(base_of(of_subject.configuration), of_subject) for of_subject in scored]
+    names = dict.fromkeys(map(base_of, configurations))
+    overall = grouped(named)
+    by_clip = grouped(((each.clip, name), each) for name, each in named)
+    by_subject = grouped(((each.clip, each.subject, name), each) for name, each in named)
+    subjects_of = grouped((each.clip, each.subject) for each in scored)
     for clip in clips:
-        yield from rows(clip, None)
-    if len({of_subject.clip for of_subject in scored}) > 1:
-        yield from rows(None, None)
+        yield from ((clip, None, name, by_clip[clip, name]) for name in names if (clip, name) in by_clip)
+    if len(subjects_of) > 1:
+        yield from ((None, None, name, overall[name]) for name in names if name in overall)
     for clip in clips:
-        for subject in dict.fromkeys(of_subject.subject for of_subject in scored if of_subject.clip == clip):
-            yield from rows(clip, subject)
+        for subject in dict.fromkeys(subjects_of.get(clip, ())):
+            for name in names:
+                if group := by_subject.get((clip, subject, name)):
+                    yield clip, subject, name, group
 
 
 def _row(

@@ -6,6 +6,7 @@ import io
 import json
 import re
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,15 @@ from harness.report.formats import to_rich
 from harness.report.frames_csv import frames_csv
 from harness.report.page.data import page_data
 from harness.report.page.render import NO_THUMBNAILS
-from harness.report.tables import frr_table, paper_table, printed_table, summary_table, terminal_table, unlabelled_table
+from harness.report.tables import (
+    MOST_REMARKS,
+    frr_table,
+    paper_table,
+    printed_table,
+    summary_table,
+    terminal_table,
+    unlabelled_table,
+)
 from harness.run.manifest import AnswerTraits
 from harness.run.notes import Note
 from harness.run.records import FrameRecord
@@ -111,6 +120,33 @@ def test_markdown_begins_with_what_it_is_and_what_must_be_known() -> None:
     assert lines[3] == (
         "- bandage_2: the baseline 'constant' is right in 100.0 % of the frames, the best configuration in 76.0 %."
     )
+
+
+def test_many_clips_share_one_remark_and_their_rows_come_after_those_over_all_clips() -> None:
+    names = [f"clip {k}" for k in range(MOST_REMARKS + 1)]
+
+    def page(clips: Sequence[str], configurations: int = 1) -> list[str]:
+        records = [
+            record
+            for clip in clips
+            for k in range(configurations)
+            for record in answers(["cup", "book"], clip=clip, configuration=f"c{k}")
+        ]
+        reference = Reference(labels={clip: labels("cup", "cup") for clip in clips})
+        return texts_of(score(records, reference))["frr.md"].splitlines()
+
+    few = page(names[:-1])
+    assert sum("the baseline 'constant' is right in 100.0 %" in line for line in few) == MOST_REMARKS
+    remark = "- In 13 clips a baseline is right as often as the best configuration, or more often: 'constant' in 13 "
+    assert f"{remark}(clip 0, clip 1, clip 2, clip 3 and 9 more)." in page(names)
+
+    def first_words(lines: Sequence[str]) -> list[str]:
+        """The clips of the rows of the first table."""
+        first = lines[: lines.index("## Correct and wrong frames by configuration")]
+        return [line.split("|")[1].strip() for line in first if line.startswith("|")][2:]
+
+    assert first_words(few)[:12] == names[:-1]
+    assert first_words(page(names, 16))[:16] == ["(all)"] * 16  # 224 rows
 
 
 def test_the_notes_stand_in_the_latex_table_too() -> None:

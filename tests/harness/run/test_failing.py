@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 
 from harness.cli import main
+from harness.cli.run import _report_failures
 from harness.pipeline.perception import Perception
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
@@ -21,7 +23,7 @@ from harness.score.finished_run import read_scores
 from tests.disk import sintel_scene, write_text
 from tests.experiments import BLOCKS, experiment_of
 from tests.recorded import values_of
-from tests.records import tables_of
+from tests.records import tables_of, write_manifest
 from vfoa.cones import Cones
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher
@@ -159,6 +161,18 @@ def test_a_clip_on_which_all_fail_is_left_out(tmp_path: Path, monkeypatch: pytes
     assert (scores.clips, scores.configurations) == (("studio_table",), ("bm", "sgbm"))
     (note,) = (note.text for note in scores.notes if note.text.startswith("plain: left out"))
     assert "every configuration failed: SintelClip, frame 1: the clip has no true instances" in note
+
+
+def test_of_many_failures_the_first_ten_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    directory = RunDirectory(tmp_path)
+    failed = [{"clip": f"clip {k}", "configuration": "bm", "error": "out of memory"} for k in range(13)]
+    write_manifest(directory, {"failed": failed})
+    with pytest.raises(typer.Exit):
+        _report_failures(directory)
+    *lines, more, again = capsys.readouterr().err.splitlines()
+    assert lines == [f"vfoa: clip {k} under bm: out of memory" for k in range(10)]
+    assert more == f"vfoa: and 3 more: `failed` in {tmp_path / 'manifest.json'}"
+    assert again.startswith("vfoa: 13 failed; ")
 
 
 def test_the_command_line_says_what_failed_and_leaves_with_1(
