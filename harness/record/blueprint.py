@@ -22,6 +22,9 @@ HALF_VIEW = np.tan(np.radians(26)) * np.array([1.2, 1])
 """Tangents of half of the angles, across and down, in which the scene is seen: Rerun shows 55 degrees down, and the
 view is wider than high."""
 
+LEAST_M = 0.2
+"""Distance of the eye to the nearest point of a small scene, metres."""
+
 MOST_TABS = 8
 """Most subjects with tabs of their own; if there are more, all share one tab, beside that of the one asked for."""
 
@@ -263,16 +266,36 @@ def eye_of_scene(scene: Scene) -> tuple[Float, Float]:
 
 
 def eye_on(seen: Sequence[Float]) -> tuple[Float, Float]:
-    """Position (3,) and look-at point (3,) of an eye that sees all points, each (N, 3), camera frame, metres.
+    """Position (3,) and look-at point (3,) of the nearest eye that sees all points, each (N, 3), camera frame, metres.
 
     It is above and to the side of the left camera, so that depth, which the image hides, is visible.
     """
     points = np.concatenate(seen) if seen else np.array([[-0.5, -0.3, 1.0], [0.5, 0.3, 2.0]])
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
     right = unit(np.cross(FROM_MIDDLE, [0, 1, 0]))
-    aside = np.abs((points - middle) @ np.array([right, np.cross(right, FROM_MIDDLE)]).T) / HALF_VIEW
-    distances = (points - middle) @ FROM_MIDDLE + aside.max(axis=1)
-    return middle + max(float(distances.max()), 0.2) * FROM_MIDDLE, middle
+    axes = np.array([right, np.cross(right, FROM_MIDDLE), -FROM_MIDDLE])
+    places = points @ axes.T
+    aside, ahead = places[:, :2], places[:, 2]
+    # an eye at 0 sees a point, across and down, if it is between low and high; farther back these are farther apart
+    low, high = _sides(aside, HALF_VIEW * ahead[:, None])
+    nearest = min(float(((high - low) / (2 * HALF_VIEW)).min()), float(ahead.min()) - LEAST_M)
+    middle = _middle(aside, ahead - nearest)
+    position = np.array([*middle, nearest]) @ axes
+    return position, position + ((ahead.min() + ahead.max()) / 2 - nearest) * axes[2]
+
+
+def _sides(aside: Float, half: Float) -> tuple[Float, Float]:
+    """The places (2,) between which an eye has all points within these distances (N, 2) of the middle of its view."""
+    return (aside - half).max(axis=0), (aside + half).min(axis=0)
+
+
+def _middle(aside: Float, distance: Float) -> Float:
+    """The place (2,) of an eye whose view reaches as far to one side as to the other, by bisection of its tangents."""
+    least, most = np.zeros(2), HALF_VIEW
+    for _ in range(40):
+        tangents = (least + most) / 2
+        low, high = _sides(aside, tangents * distance[:, None])
+        least, most = np.where(low > high, tangents, least), np.where(low > high, most, tangents)
+    return np.mean(_sides(aside, most * distance[:, None]), axis=0)
 
 
 GUIDE = """\

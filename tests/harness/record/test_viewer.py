@@ -20,7 +20,7 @@ from rerun.chunk import RrdReader
 
 from harness.cli import main
 from harness.record import viewer
-from harness.record.blueprint import eye_of_scene, eye_on
+from harness.record.blueprint import HALF_VIEW, LEAST_M, eye_of_scene, eye_on
 from harness.record.composed import Composed, find_clips, find_recordings
 from harness.record.excerpt import write_excerpt
 from harness.record.reading import RecordingFile, first_shapes
@@ -37,9 +37,9 @@ def test_the_eye_looks_at_the_scene_from_outside(frames):
     position, target = eye_of_scene(frames[0].result.scene)
     boxes = [target.box for target in frames[0].result.scene.targets if target.box is not None]
     corners = box_corners(boxes).reshape(-1, 3)
-    assert (corners.min(axis=0) <= target).all()
-    assert (target <= corners.max(axis=0)).all()
-    assert np.linalg.norm(position - target) > np.linalg.norm(corners - target, axis=1).max()
+    assert position[1] < corners[:, 1].min()  # above
+    assert position[2] < corners[:, 2].min()  # on the camera's side
+    assert ((corners - position) @ (target - position) > 0).all()
     empty = replace(frames[0].result.scene, targets=(), people=())
     assert np.isfinite(eye_of_scene(empty)).all()
 
@@ -47,16 +47,30 @@ def test_the_eye_looks_at_the_scene_from_outside(frames):
 PLACES = st.lists(st.tuples(*[st.floats(-20, 20)] * 3), min_size=1, max_size=6)
 
 
+def in_view(points, position, target):
+    """The points to the right, below, and ahead of an eye."""
+    ahead = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(ahead, [0, -1, 0])
+    right /= np.linalg.norm(right)
+    return (points - position) @ np.array([right, np.cross(ahead, right), ahead]).T
+
+
 @given(PLACES)
 def test_the_eye_sees_every_point_wherever_the_scene_is(places):
     """A scene without a camera may be anywhere; Rerun shows 55 degrees down, and more across a view that is wider."""
     points = np.array(places)
-    position, target = eye_on([points])
-    ahead = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(ahead, [0, -1, 0])
-    right /= np.linalg.norm(right)
-    seen = (points - position) @ np.array([right, np.cross(ahead, right), ahead]).T
+    seen = in_view(points, *eye_on([points]))
     assert (np.abs(seen[:, :2]) <= np.tan(np.radians(27.5)) * np.array([1.2, 1]) * seen[:, 2:]).all()
+
+
+@given(PLACES)
+def test_the_eye_is_as_near_as_it_can_be(places):
+    """The points reach two opposite sides of the view, or the eye is at its least distance; they are in its middle."""
+    points = np.array(places)
+    seen = in_view(points, *eye_on([points]))
+    slopes = seen[:, :2] / seen[:, 2:] / HALF_VIEW
+    assert slopes.max(axis=0) == pytest.approx(-slopes.min(axis=0), abs=1e-6)
+    assert np.abs(slopes).max() == pytest.approx(1) or seen[:, 2].min() == pytest.approx(LEAST_M)
 
 
 def test_a_scene_without_clouds_is_seen_by_its_boxes(frames, record_run):
