@@ -388,10 +388,16 @@ def pose_frames(
     """Read frames of recorded 3D poses in ascending order: scenes without percepts.
 
     If the clip knows the true directions of its people, the stages ``truth`` and ``simulated`` give heads and gazes. A
-    direction whose stage is switched off is left out; with any other stage it is as measured. Configurations with the
-    same stages get the same scene, and those with the same tracking the same tracks and names.
+    direction whose stage is switched off is left out; with any other stage it is as measured. If the clip never knows a
+    true direction, a configuration that needs it fails. Configurations with the same stages get the same scene, and
+    those with the same tracking the same tracks and names.
     """
-    directions = {configuration.name: _Directions.of(configuration, clip) for configuration in configurations}
+    directions, unknown = dict[str, _Directions](), dict[str, VfoaError]()
+    for configuration in configurations:
+        try:
+            directions[configuration.name] = _Directions.of(configuration, clip)
+        except VfoaError as error:
+            unknown[configuration.name] = error
     following = {
         tracking: (Tracker(tracking), Namer(_own_subjects(manifest, clip), manifest.targets))
         for tracking in dict.fromkeys(configuration.attend.tracking for configuration in configurations)
@@ -411,8 +417,8 @@ def pose_frames(
             with timed(timings, "tracking"):
                 tracked = tracker.step(scene.people)
                 tracks[tracking] = tracked, namer.step(scene, tracked), timings
-        results: dict[str, FollowedFrame | VfoaError] = {}
-        for configuration in configurations:
+        results: dict[str, FollowedFrame | VfoaError] = {**unknown}
+        for configuration in (each for each in configurations if each.name in directions):
             name = configuration.name
             tracked, names, timings = tracks[configuration.attend.tracking]
             seen = replace(scenes[directions[name].keys], names=names.targets)
@@ -430,6 +436,12 @@ def _own_subjects(manifest: ClipManifest, clip: MeasuredClip) -> dict[str, NameR
     }
 
 
+def _is_known(clip: MeasuredClip, direction: str) -> bool:
+    """Whether the clip knows a true direction of somebody in some frame."""
+    truths = (person for number in clip.frames for person in clip.truth(number).people or ())
+    return any(getattr(person, direction) is not None for person in truths)
+
+
 @dataclass(frozen=True, slots=True)
 class _Directions:
     """The directions that a configuration changes: by slot the stage that gives the true one, None to leave it out.
@@ -442,10 +454,16 @@ class _Directions:
 
     @classmethod
     def of(cls, configuration: Configuration, clip: MeasuredClip) -> _Directions:
-        """Those of a configuration, on a clip."""
+        """Those of a configuration, on a clip; a :class:`VfoaError` says that the clip knows no true direction."""
         keys, stages = [], {}
-        for slot in _DIRECTIONS:
+        for slot, direction in _DIRECTIONS.items():
             choice = configuration.choices[slot]
+            if choice and STAGES[slot].is_true(choice) and not _is_known(clip, direction):
+                of_tables = ', or gaze = "truth" in [source] of tables' if slot == "gaze" else ""
+                raise VfoaError(
+                    f'{slot}.model = "{choice.name}": the clip has no true {slot.replace("_", " ")}; expected '
+                    f'"{STAGES[slot].measured}"{of_tables}'
+                )
             if choice is None or STAGES[slot].is_true(choice):
                 keys.append(choice.key if choice else f"{slot} {OFF}")
                 stages[slot] = STAGES[slot].stage_class(choice.name)(choice.settings, clip) if choice else None

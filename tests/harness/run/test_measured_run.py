@@ -152,6 +152,17 @@ def test_a_name_that_the_tables_do_not_have_is_found_by_the_check(talk: Path) ->
     assert problem.startswith("targets.cup.instance: no cup has the number 3")
 
 
+@pytest.mark.parametrize(("slot", "model"), [("gaze", "truth"), ("gaze", "simulated"), ("head_pose", "simulated")])
+def test_a_true_direction_that_no_table_has_fails_its_configuration(talk: Path, slot: str, model: str) -> None:
+    """The measured gaze was left out in its place, and the head answered alone."""
+    write_text(talk / "talk.toml", f'{EXPERIMENT}[[configuration]]\nname = "true"\n{slot}.model = "{model}"\n')
+    directory = _run(talk)
+    (failure,) = directory.read_manifest().failed
+    assert failure.configuration == "true"
+    assert re.search(rf'{slot}\.model = "{model}": the clip has no true .*; expected "measured"', failure.error)
+    assert {row.configuration for row in rescore(directory).rows} == {"cones", "forward"}
+
+
 def test_a_subject_who_is_not_there_is_nobody_else(talk: Path) -> None:
     """Anna is no subject, and has Ben's eyes all along: his name does not become hers when he leaves."""
     people = talk / "data" / "talk" / "people.csv"
