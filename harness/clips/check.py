@@ -22,7 +22,7 @@ from harness.clips.matching import (
     near_notes,
     right_offset,
 )
-from harness.clips.units import step_doubts
+from harness.clips.units import clip_doubts, step_doubts
 from harness.labels.drawn_shapes import Drawn, Place
 from harness.sources import Clip, MeasuredClip
 from harness.sources.media.images import greatest_values
@@ -265,7 +265,10 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             name=manifest.name,
             frames=len(clip.frames),
             labels=scored_labels(labels, clip),
-            notes=(*clip.notes, *step_doubts(clip), *direction_notes(manifest, clip, labels)),
+            notes=(
+                *dict.fromkeys((*clip.notes, *clip_doubts(clip, clip.frames))),
+                *direction_notes(manifest, clip, labels),
+            ),
             problems=(*measurement_problems(manifest, clip), *label_problems),
         )
     rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)

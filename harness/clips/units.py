@@ -7,9 +7,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from harness.sources import AnyClip, DoubtedClip, MeasuredClip
+from vfoa.types import Scene
 
 MAX_DISTANCE_M = 100.0
 """A position further from the origin than this is probably in millimetres."""
+USUAL_M = (0.05, 20.0)
+"""Distances from eyes to what may be looked at: a median outside of it is probably in another unit, as centimetres."""
 LONGEST_STEP_S = 5.0
 """A median step of frames from which their times are questioned: 200 frames per second in ms, taken for seconds."""
 _MOST_FRAMES = 50
@@ -30,18 +33,22 @@ def own_doubts(clip: AnyClip) -> tuple[str, ...]:
 
 
 def clip_doubts(clip: AnyClip, numbers: Sequence[int]) -> Iterator[str]:
-    """Yield the doubts about a clip: its own, about its times, and about the places in some of these frames."""
+    """Yield the doubts about a clip: its own, about its times, and about distances in some of these frames."""
     yield from own_doubts(clip)
     yield from step_doubts(clip)
-    if not isinstance(clip, MeasuredClip):
-        return
-    scenes = [clip.scene(number) for number in numbers[:: -(-len(numbers) // _MOST_FRAMES) or 1]]
-    places = [target.box.center_m for scene in scenes for target in scene.targets if target.box is not None]
-    eyes = [person.eye_origin_left for scene in scenes for person in scene.people]
-    places += [place for place in eyes if place is not None]
-    distance_m = max((float(np.linalg.norm(place)) for place in places), default=0.0)
-    if distance_m > MAX_DISTANCE_M:
-        yield (
-            f"people or objects are up to {distance_m:.4g} m away from the origin, and heads, points and cones have "
-            "sizes in metres: are places in another unit, as millimetres?"
-        )
+    if isinstance(clip, MeasuredClip):
+        scenes = (clip.scene(number) for number in numbers[:: -(-len(numbers) // _MOST_FRAMES) or 1])
+        distances_m = [distance_m for scene in scenes for distance_m in _distances_m(scene)]
+        if distances_m and not USUAL_M[0] <= (median_m := float(np.median(distances_m))) <= USUAL_M[1]:
+            yield (
+                f"people are {median_m:.4g} m away from objects and others (median), and heads, points and cones have "
+                "sizes in metres: are places in another unit, as millimetres?"
+            )
+
+
+def _distances_m(scene: Scene) -> Iterator[float]:
+    """Yield the distance of all eyes from all middles, but for a person's own."""
+    for person in scene.people:
+        for target in scene.targets:
+            if person.eye_origin_left is not None and target.box and target.instance.id != person.instance_id:
+                yield float(np.linalg.norm(target.box.center_m - person.eye_origin_left))

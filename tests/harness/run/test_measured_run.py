@@ -123,7 +123,8 @@ def test_people_and_objects_have_the_names_of_their_rows_in_any_order(talk: Path
     ("scale", "step_ns", "sigma_deg", "said"),
     [
         (1, 40_000_000, "5", []),
-        (1000, 40_000_000, "5", ["1265 m away"]),
+        (1000, 40_000_000, "5", ["m away from objects and others"]),
+        (0.001, 40_000_000, "5", ["m away from objects and others"]),
         (1, 40_000_000_000, "5", ["40 s apart"]),
         (1, 40_000_000, "0.087", ["radians?"]),
     ],
