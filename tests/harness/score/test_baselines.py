@@ -107,6 +107,24 @@ def test_the_nearest_in_angle_is_so_to_the_gaze_whatever_its_distance() -> None:
     assert choose(record, replace(headed, head=None)).in_angle is None
 
 
+@pytest.mark.parametrize(
+    ("angles", "hits", "nowhere", "limit"),
+    [
+        ([0.3, 0.1], [False, True], [True, False], 0.2),  # midway
+        ([0.1, 0.2, 0.4], [True, False, False], [False, False, True], 0.3),  # the largest of equally good ones
+        ([0.1, 0.3], [True, False], [False, False], inf),
+        ([0.1, 0.3], [True, False], [False, True], 0.2),
+        ([0.1, 0.3], [False, False], [True, False], -1),
+        ([nan, 0.3], [True, False], [False, True], -1),  # an unknown angle hits nothing
+        ([], [], [], inf),
+    ],
+)
+def test_the_limit_is_midway_between_two_angles_and_the_largest_of_the_best(
+    angles: list[float], hits: list[bool], nowhere: list[bool], limit: float
+) -> None:
+    assert best_limit_rad(np.array(angles), np.array(hits, bool), np.array(nowhere, bool)) == pytest.approx(limit)
+
+
 def test_the_limit_is_best_among_all_limits() -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):

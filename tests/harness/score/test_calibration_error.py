@@ -13,7 +13,14 @@ from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.tables import reliability_table
 from harness.run.manifest import AnswerTraits
 from harness.run.records import AttentionRecord, BoxPx, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.calibration import adaptive_error, coverages, misfit_notes, reliabilities, reliability
+from harness.score.calibration import (
+    DirectionCheck,
+    adaptive_error,
+    coverages,
+    misfit_notes,
+    reliabilities,
+    reliability,
+)
 from harness.score.reference import Reference
 from harness.score.score import Scores
 from harness.score.verdicts import prediction_set
@@ -171,6 +178,9 @@ def test_the_likeliest_come_first_and_nowhere_is_one_of_them() -> None:
     assert prediction_set(_subject(0.5, 0.5)) == (1, 2)
     assert prediction_set(_subject(0.9, 0.1, fit=None)) == (1,)  # a method without a fit has sets, too
     assert prediction_set(_subject()) == ()
+    assert prediction_set(_subject(0.5)) == (1, None)  # nowhere comes after what is as likely
+    equal = _subject(0.5, 0.5)
+    assert prediction_set(replace(equal, attention=equal.attention[::-1])) == (1, 2)
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8).filter(lambda found: sum(found) > 0))
@@ -233,6 +243,43 @@ def test_directions_are_checked_once_where_configurations_have_one_posterior() -
     of = {"p": FIT, "q": FIT, "r": replace(FIT, tail=0.01)}
     records = [replace(_record(1, _subject(1.0, 0.0, fit=fit)), configuration=name) for name, fit in of.items()]
     assert [check.configuration for check in scored(records, {}).directions] == ["p", "r"]
+
+
+@pytest.mark.parametrize(
+    ("check", "fits"),
+    [
+        ({}, True),
+        ({"surprises": 0.14}, True),
+        ({"surprises": 0.16}, False),
+        ({"surprises": 1.0, "n": 19}, True),  # too few frames
+        ({"implied_deg": 14.0}, True),
+        ({"implied_deg": 16.0}, False),
+        ({"implied_deg": 7.0}, True),
+        ({"implied_deg": 6.0}, False),
+        ({"implied_deg": 16.0, "claimed_deg": None}, True),  # no gaze
+        ({"share": 0.79}, True),
+        ({"share": 0.81}, False),
+    ],
+)
+def test_directions_fit_within_every_limit(check: dict[str, float | None], fits: bool) -> None:
+    plain = DirectionCheck(
+        clip="c", configuration="p", n=20, surprises=0.05, claimed_deg=10.0, implied_deg=10.0, share=0.5
+    )
+    assert replace(plain, **check).fits == fits
+
+
+def test_a_check_has_medians_of_what_is_known_in_degrees() -> None:
+    """A frame without a gaze claims no error, and one without a head has no share."""
+    fits = [
+        DirectionFit(tail=0.01, claimed_error_rad=0.1, implied_error_rad=0.3, implied_share=None),
+        DirectionFit(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.5, implied_share=0.6),
+        DirectionFit(tail=0.04, claimed_error_rad=None, implied_error_rad=None, implied_share=0.4),
+        DirectionFit(tail=0.06, claimed_error_rad=0.4, implied_error_rad=0.4, implied_share=None),
+    ]
+    records = [_record(frame, _subject(1.0, 0.0, fit=fit)) for frame, fit in enumerate(fits)]
+    (check,) = scored(records, {}).directions
+    assert (check.n, check.surprises) == (4, 0.5)
+    assert (check.claimed_deg, check.implied_deg, check.share) == pytest.approx((*np.rad2deg([0.2, 0.4]), 0.5))
 
 
 def test_directions_that_fit_need_no_words() -> None:
