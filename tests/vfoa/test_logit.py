@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.scenes import entry_distance
 from vfoa.bayes import BayesSettings, HeldBelief, Posterior
 from vfoa.errors import VfoaError
-from vfoa.geometry import perturb
+from vfoa.geometry import lowered, perturb
 from vfoa.instance_tracking import PATIENCE
 from vfoa.logit import (
     Cases,
@@ -172,6 +172,28 @@ def cues_of(head: Float, target: Target, eyes: dict[int, Float] | None = None) -
     subject = looking(None, head)
     seen = observe(subject, (target,), eyes or {}, Means(), 0.1, by_posterior((target,)))[0]
     return dict(zip(LOGIT_CUES, seen.now[:, 0].tolist(), strict=True))
+
+
+@pytest.mark.parametrize(("turn_deg", "swung_deg"), [(0, 0), (10, 18), (-30, -54), (90, 162), (120, 162), (-170, -162)])
+def test_a_head_that_turned_from_the_body_is_turned_on_but_not_to_behind_it(turn_deg: float, swung_deg: float) -> None:
+    """1.8 times as far, at most 0.9 of half a turn; a target where it then points, 9 degrees lower, is at no angle."""
+    ahead = np.array([0.0, 0.0, 1.0])
+    places = [perturb(ahead, np.radians(swung_deg + aside), 0.0) for aside in (0.0, 5.0, -5.0)]
+    targets = tuple(a_target(n, 2 * lowered(at, np.radians(9.0)), (0.01,) * 3) for n, at in enumerate(places, start=2))
+    subject = looking(None, perturb(ahead, np.radians(turn_deg), 0.0))
+    seen, _ = observe(subject, targets, {}, Means(head=1e9 * ahead), 0.0, by_posterior(targets))
+    at, *beside = seen.now[LOGIT_CUES.index("head_swing")]
+    assert at == pytest.approx(0, abs=1e-9)
+    assert beside == pytest.approx([beside[0]] * 2, rel=1e-3)
+    assert beside[0] > 0.005
+
+
+def test_the_middle_of_a_gaze_and_a_head_that_cancel_is_the_gaze() -> None:
+    head = perturb(np.array([0.0, 0.0, 1.0]), 0.3, 0.0)
+    subject = looking(-lowered(head, np.radians(9.0)), head)
+    seen, _ = observe(subject, TARGETS, {}, Means(), 0.1, by_posterior())
+    gaze, middle = (np.sqrt(np.expm1(seen.now[LOGIT_CUES.index(cue)])) for cue in ("gaze", "middle"))
+    assert middle == pytest.approx(gaze / 0.8)  # the same angles, by the smaller scale of the middle
 
 
 @pytest.mark.parametrize("half_m", [(0.1, 0.1, 0.1), (0.6, 0.05, 0.1), (0.05, 0.4, 0.1)])
