@@ -16,8 +16,9 @@ from vfoa.errors import VfoaError
 from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.pipeline import Attending, AttendSettings, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
+from vfoa.stereo.region import needed_region
 from vfoa.tracking import Tracker, TrackingSettings
-from vfoa.types import FrameResult, NoAttention, Percepts, StereoFrame
+from vfoa.types import FrameResult, Head, NoAttention, Percepts, StereoFrame
 
 
 @pytest.fixture(scope="module")
@@ -134,3 +135,27 @@ def test_where_both_sides_fail_it_is_the_error_of_the_matcher_as_without_threads
     stages = replace(true_stages(percepts, NEAR), head_pose=fails("head pose"))
     with ThreadPoolExecutor(1) as pool, pytest.raises(VfoaError, match="head pose"):
         perceive(black_frame(percepts), stages, executor=pool)
+
+
+@pytest.mark.parametrize("threads", [0, 1])
+def test_a_matcher_of_a_region_matches_objects_heads_and_what_a_person_drew(percepts, threads):
+    stages, frame, asked = true_stages(percepts, NEAR), black_frame(percepts), []
+    cut_out = replace(percepts.instances)
+    (head,) = stages.heads.detect(frame, percepts.instances)
+    drawn_head = Head(box_px=np.array([2.0, 100, 12, 110]), score=1.0)
+    placed = SimpleNamespace(window=(slice(3, 9), slice(390, 398)))
+    drawing = SimpleNamespace(
+        place=lambda frame, instances: (placed,),
+        add_heads=lambda frame, heads, drawn: (*heads, drawn_head),
+        add_masks=lambda frame, instances, drawn, disparity: cut_out,
+    )
+    matcher = SimpleNamespace(match_region=lambda frame, region: asked.append(region) or percepts.disparity)
+    stages = replace(stages, matcher=None, region_matcher=matcher)
+    with ThreadPoolExecutor(1) as pool:
+        executor = pool if threads else None
+        plain, drawn = (perceive(frame, replace(stages, drawing=each), executor=executor) for each in (None, drawing))
+    found = needed_region(percepts.instances, [head], percepts.rig)
+    assert asked == [found, replace(found, u0=2, v0=3, u1=398)]
+    assert (plain.instances is percepts.instances, drawn.instances is cut_out) == (True, True)
+    assert [len(each.views) for each in (plain, drawn)] == [1, 2]
+    assert drawn.views[1].head is drawn_head

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
+from harness.labels.labels import Label
 from harness.score.looks import (
     LEAST_S,
     Event,
@@ -19,6 +20,7 @@ from harness.score.looks import (
     find_events,
     match_events,
     number_looks,
+    seconds_from_change,
 )
 from vfoa.types import Codes
 
@@ -83,6 +85,38 @@ def test_long_sequences_count_beside_short_ones() -> None:
         right = np.cumsum(generator.random(25 * length_s) < 1 / (25 * 8)) % 2 == 0
         sequences.append((right, np.arange(len(right), dtype=np.intp), 25.0))
     assert correlation_time_s(sequences) == pytest.approx(4, rel=0.5)
+
+
+def test_verdicts_that_do_not_change_stay_alike_for_no_known_time() -> None:
+    """As do those of clips whose rate is not known, and single ones: nothing is left that shows a time."""
+    changing, places = np.arange(200) % 100 < 50, np.arange(200, dtype=np.intp)
+    known = [(changing, places, 25.0)]
+    assert correlation_time_s(known) > 0
+    assert correlation_time_s([]) == 0
+    assert correlation_time_s([(np.ones(200, dtype=np.bool_), places, 25.0)]) == 0
+    left_out = [(changing[::-1], places, None), (changing[:1], places[:1], 25.0), (changing[:0], places[:0], 25.0)]
+    assert correlation_time_s(left_out) == 0
+    assert correlation_time_s([*left_out, *known]) == correlation_time_s(known)
+
+
+@pytest.mark.parametrize(
+    ("letters", "times_s", "expected"),
+    [
+        ("aabb", [0, 1, 2, 3], [1.5, 0.5, 0.5, 1.5]),
+        ("aabbc", [0, 1, 2, 3, 4], [1.5, 0.5, 0.5, 0.5, 0.5]),  # the nearer of two changes
+        ("aaaa", [0, 1, 2, 3], [math.inf] * 4),
+        ("-aa-", [0, 1, 2, 3], [math.inf] * 4),  # nobody says what there is before and after the labels
+        ("aaibb", [0, 1, 2, 3, 4], [math.inf] * 5),  # nor in a gap
+        ("a-a-b-", [0, 1, 2, 3, 4, 5], [3, 2, 1, 0, 1, 2]),  # a label of every other frame leaves no gap
+        ("ab", [0, 10], [5, 5]),
+        ("", [], []),
+    ],
+)
+def test_a_change_is_midway_between_two_judged_frames(
+    letters: str, times_s: list[float], expected: list[float]
+) -> None:
+    labels = [None if each == "-" else Label(target="ignore" if each == "i" else each) for each in letters]
+    assert seconds_from_change(labels, times_s) == expected
 
 
 CODES = {"A": 0, "B": 1, "C": 2, "-": 3, "?": -1}
