@@ -179,13 +179,18 @@ def verdict_of_run(scores: Scores, run: Path, blank: str = " ") -> list[str]:
 
 
 def _print_wrapped(console: Console, text: str, style: str = "") -> None:
-    """Print text in lines of the terminal's width; what has :data:`_UNBROKEN` for blanks stays in one line to copy."""
+    """Print text in lines of the terminal's width; what has :data:`_UNBROKEN` for blanks stays in one line to copy.
+
+    So does a number with its unit.
+    """
+    text = _WITH_UNIT.sub(_UNBROKEN, text)
     for line in textwrap.wrap(text, console.width, break_long_words=False, break_on_hyphens=False):
         console.print(line.replace(_UNBROKEN, " "), markup=False, style=style, soft_wrap=True)
 
 
 _COMMAND = re.compile(r"(vfoa|--set)( [^\s(),;]+)+")
 _QUOTED = re.compile(r"`[^`]+`")
+_WITH_UNIT = re.compile(r"(?<=\d) (?=%|deg\b|points?\b|s\b|m\b)")
 _UNBROKEN = "\ue000"
 """Stands for a blank at which no line breaks: a character that no text has."""
 

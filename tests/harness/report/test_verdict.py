@@ -304,5 +304,16 @@ def test_a_command_in_a_note_stays_in_one_line_of_the_terminal(
     assert all(len(line) <= 60 for line in lines)
 
 
+@pytest.mark.parametrize("columns", range(20, 32))
+def test_a_percentage_stays_in_one_line_of_the_terminal(
+    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    print_scores(score(answers(["cup"]), Reference(labels={"clip": labels("cup")})), Path("run"))
+    lines = capsys.readouterr().out.splitlines()
+    assert any("100.0 %" in line for line in lines)
+    assert not [line for line in lines if line.startswith("%")]
+
+
 def test_nothing_wrong_needs_no_next_step() -> None:
     assert next_steps(score([], Reference(labels={})), ("one",)) == []
