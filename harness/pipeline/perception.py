@@ -399,7 +399,7 @@ def pose_frames(
         except VfoaError as error:
             unknown[configuration.name] = error
     following = {
-        tracking: (Tracker(tracking), Namer(_own_subjects(manifest, clip), manifest.targets))
+        tracking: (Tracker(tracking), Namer(*_own_rules(manifest, clip)))
         for tracking in dict.fromkeys(configuration.attend.tracking for configuration in configurations)
     }
     answers = _answers(configurations, manifest, clip)
@@ -428,12 +428,22 @@ def pose_frames(
         yield SharedFrame(index=number, frame=None, by_configuration=results)
 
 
-def _own_subjects(manifest: ClipManifest, clip: MeasuredClip) -> dict[str, NameRule]:
-    """The rules of the subjects: one whom the clip names is nobody else, also where the person is not in a frame."""
-    return {
-        name: NameRule(category=clip.categories[name], instance=clip.people[name]) if name in clip.people else rule
-        for name, rule in manifest.subjects.items()
-    }
+def _own_rules(manifest: ClipManifest, clip: MeasuredClip) -> tuple[dict[str, NameRule], dict[str, NameRule]]:
+    """The rules of subjects and targets: those that the clip names are nobody and nothing else.
+
+    This also holds where they are not in a frame. A target that is called as its category is all of this category.
+    """
+
+    def own(name: str, rule: NameRule, ids: Mapping[str, int]) -> NameRule:
+        return NameRule(category=clip.categories[name], instance=ids[name]) if name in ids else rule
+
+    return (
+        {name: own(name, rule, clip.people) for name, rule in manifest.subjects.items()},
+        {
+            name: rule if rule.is_shared and name == rule.category else own(name, rule, {**clip.people, **clip.objects})
+            for name, rule in manifest.targets.items()
+        },
+    )
 
 
 def _is_known(clip: MeasuredClip, direction: str) -> bool:

@@ -26,7 +26,7 @@ from harness.run.notes import NoteKind
 from harness.run.plan import describe
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
-from tests.disk import write_text
+from tests.disk import labels_text, write_text
 from tests.measured import ANNA, BEN, EXPERIMENT, ROBOT, measured_tables, true_labels
 from tests.records import tables_of
 from tests.repository import REPOSITORY
@@ -179,6 +179,31 @@ def test_a_subject_who_is_not_there_is_nobody_else(talk: Path) -> None:
     scores = rescore(_run(talk))
     row = next(row for row in scores.rows if row.configuration == "cones")
     assert (row.n, row.correct, row.error_types["no_subject"]) == (12, 6, 6)
+
+
+@pytest.mark.parametrize(
+    ("target", "category", "found"),
+    [
+        ("left", "cup", {"left", "cup#5", "person#1", "person#3"}),
+        ("cup", "cup", {"cup", "person#1", "person#3"}),
+        ("anna", "person", {"anna", "person#3", "left#4", "right#5"}),
+    ],
+)
+def test_a_target_that_the_tables_name_is_nothing_else(talk: Path, target: str, category: str, found: set[str]) -> None:
+    """Another cup, or person, that is no target had its name; ``cup``, which no row is called, are all cups."""
+    people = talk / "data" / "talk" / "people.csv"
+    carl = [line.replace("anna,-0.4", "carl,0.9") for line in people.read_text().splitlines() if ",anna," in line]
+    write_text(people, "\n".join([*people.read_text().splitlines(), *carl]))
+    kind = "" if category == "person" else category
+    objects = f"object,frame,x_m,y_m,z_m,category\nleft,,0,0.4,0.9,{kind}\nright,,0.5,0.4,0.9,{kind}\n"
+    write_text(talk / "data" / "talk" / "objects.csv", objects)
+    path = talk / "datasets" / "talk.toml"
+    source = path.read_text().partition("[subjects.")[0]
+    named = f'[subjects.ben]\ncategory = "person"\n[targets.{target}]\ncategory = "{category}"\n'
+    write_text(path, source + named)
+    write_text(talk / "annotations" / "talk.csv", labels_text(f"1,12,ben,{target},"))
+    names = {each.name for record in read_records(_run(talk)) for each in record.targets}
+    assert names == {"ben", *found}
 
 
 def test_a_subject_that_may_be_any_of_several_people_is_refused(talk: Path) -> None:
