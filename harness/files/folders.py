@@ -12,6 +12,7 @@ import hashlib
 import logging
 import os
 import tempfile
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -151,6 +152,7 @@ def names(kind: Kind) -> dict[str, Path]:
     """
     paths: dict[str, Path] = {}
     for folder in reversed(folders(kind)):
-        files = folder.glob(f"[!.]*{_SUFFIX[kind]}")
-        paths.update((path.stem, path) for path in files if is_file_or_link(path))
+        with suppress(OSError), os.scandir(folder) as entries:  # asks the disk for no file: each clip is looked up here
+            files = (entry.name for entry in entries if entry.name.endswith(_SUFFIX[kind]) and not entry.is_dir())
+            paths.update((name.removesuffix(_SUFFIX[kind]), folder / name) for name in files if name[0] != ".")
     return dict(sorted(paths.items()))
