@@ -21,7 +21,7 @@ from harness.cli.options import (
     experiment_and_clip_names,
     preset_names,
 )
-from harness.cli.terminal import exit_if_interrupted, frames_bar, print_reports, print_scores, say
+from harness.cli.terminal import exit_if_interrupted, frames_bar, print_reports, print_scores, say, verdicts_bar
 from harness.files.safe_names import vfoa_command
 from vfoa.errors import VfoaError, did_you_mean
 
@@ -139,7 +139,7 @@ def run(
             next_free=out is None,
             retry_failed=retry_failed,
         )
-    scores = rescore(directory)
+    scores = rescore(directory, bar=verdicts_bar)
     for notice in (*experiment.missing, *notices):
         say(notice)
     if advice := _advice(plan, directory.path):
@@ -188,7 +188,7 @@ def _run_benchmark(out: Path, overrides: list[str], **options: Any) -> None:
                     experiment, out / name, bar=frames_bar, tell=notices.append, next_free=False, **options
                 )
                 notices.append(f"interrupted: finished materials are kept in {out}; the same command continues")
-                scores[name] = rescore(directory)
+                scores[name] = rescore(directory, bar=verdicts_bar)
                 left_out += [f"{name}: {each}" for each in missing]
             except VfoaError as error:
                 left_out.append(f"{name}: not run: {error}.")

@@ -35,6 +35,7 @@ from harness.cli.terminal import (
     say_relabelled,
     say_unknown_names,
     verdict_of_run,
+    verdicts_bar,
 )
 from vfoa.errors import VfoaError, counted
 
@@ -75,7 +76,7 @@ def score(
         print_reports([summary_table(scores)[0]])
         say("\n".join([f"Only frames with {' and '.join(where)}.", *verdict_of_run(scores, folder)]))
         return
-    scores = rescore(RunDirectory(folder), annotator)
+    scores = rescore(RunDirectory(folder), annotator, bar=verdicts_bar)
     gc.freeze()  # the verdicts of all frames live to the end: without this, the collector visits them once more at exit
     print_scores(scores, folder, verbose=verbose)
     say_unknown_names(scores)

@@ -10,7 +10,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -246,25 +246,30 @@ _SETTLED_S = 5.0
 
 
 @contextmanager
-def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
+def frames_bar(total: int, what: str, unit: str = "frames") -> Iterator[Callable[[str], None]]:
     """Yield a function to call after each frame with the clip's name; it draws a bar, or prints a line a minute."""
     if not sys.stderr.isatty():
-        yield _frame_lines(total)
+        yield _lines(total, unit)
         return
     from rich.progress import MofNCompleteColumn, ProgressColumn, Task, TimeRemainingColumn
     from rich.text import Text
 
     class RateColumn(ProgressColumn):
-        """Frames per second in the last half minute."""
+        """Frames, or what else is counted, per second in the last half minute."""
 
         def render(self, task: Task) -> Text:
-            return Text(f"{task.speed or 0:.1f} frames/s")
+            return Text(f"{task.speed or 0:.1f} {unit}/s")
 
     with _bar(what, total, MofNCompleteColumn(), RateColumn(), TimeRemainingColumn()) as (bar, task):
         yield lambda clip: bar.update(task, advance=1, description=shown(clip))
 
 
-def _frame_lines(total: int) -> Callable[[str], None]:
+def verdicts_bar(total: int, what: str) -> AbstractContextManager[Callable[[str], None]]:
+    """The same for the recordings that get their verdicts."""
+    return frames_bar(total, what, "recordings")
+
+
+def _lines(total: int, unit: str) -> Callable[[str], None]:
     """A function to call after each frame with the clip's name: it prints how far the run is, a line a minute.
 
     The rate is that since the line before. What comes before the first frame does not count: long clips open slowly.
@@ -284,7 +289,7 @@ def _frame_lines(total: int) -> Callable[[str], None]:
             rate = (done - done_before) / (now_s - since_s)
             left_min = (total - done) / rate / 60
             printed_s, done_before, since_s = now_s, done, now_s
-            say(f"{clip}: {done} of {total} frames, {rate:.1f} frames/s, about {left_min:.0f} min left", err=True)
+            say(f"{clip}: {done} of {total} {unit}, {rate:.1f} {unit}/s, about {left_min:.0f} min left", err=True)
 
     return advance
 

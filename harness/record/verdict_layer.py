@@ -26,6 +26,7 @@ from harness.record.layers import ClipFiles, RecordingIds, recording_ids
 from harness.record.reading import RecordingFile
 from harness.record.verdict_content import log_palettes, log_styles, log_verdicts
 from harness.run.directory import RunDirectory
+from harness.run.executors import Bar, no_bar
 from harness.run.manifest import AnswerTraits
 from harness.run.records import renamed
 from harness.run.table_columns import ColumnReader
@@ -59,6 +60,7 @@ def write_verdict_layers(
     directory: RunDirectory,
     labels: Mapping[str, Labels],
     names_now: Mapping[str, Mapping[str, str]] | None = None,
+    bar: Bar = no_bar,
 ) -> None:
     """Write ``CLIP__CONFIGURATION.verdicts.rrd`` for every recording of a run; older ones are replaced.
 
@@ -71,6 +73,8 @@ def write_verdict_layers(
         The labels of the clips by name; a clip without any has only predictions.
     names_now
         The present names of renamed targets by clip and name in the results.
+    bar
+        Shows the progress, a recording at a time.
 
     Raises
     ------
@@ -81,14 +85,18 @@ def write_verdict_layers(
     clips = {clip.name: (clip.subjects, clip.targets) for clip in manifest.clips}
     reader, columns = TableReader(directory, manifest), ColumnReader(directory, manifest)
     blocks = grouped(((block.clip, block.configuration), block) for block in reader.blocks)
-    for (clip, configuration), its_blocks in blocks.items():
-        attention = ClipFiles(run=directory.path, clip=clip).attention(configuration)
-        if attention.is_file():
-            files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.run_id, clip))
-            names = (names_now or {}).get(clip, {})
-            traits = manifest.traits(configuration, directory.manifest)
-            layer = _VerdictLayer(reader, columns, files, configuration, clips[clip], labels.get(clip), names, traits)
-            layer.write(its_blocks)
+    with bar(len(blocks), directory.path.name) as progress:
+        for (clip, configuration), its_blocks in blocks.items():
+            attention = ClipFiles(run=directory.path, clip=clip).attention(configuration)
+            if attention.is_file():
+                files = ClipFiles(run=directory.path, clip=clip, ids=_ids(attention, manifest.run_id, clip))
+                names = (names_now or {}).get(clip, {})
+                traits = manifest.traits(configuration, directory.manifest)
+                layer = _VerdictLayer(
+                    reader, columns, files, configuration, clips[clip], labels.get(clip), names, traits
+                )
+                layer.write(its_blocks)
+            progress(clip)
 
 
 def _ids(attention: Path, run_id: str | None, clip: str) -> RecordingIds:

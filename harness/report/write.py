@@ -51,6 +51,7 @@ from harness.report.tables import (
 from harness.report.thumbnails import BUDGET_BYTES, SERVED_BYTES, read_thumbnails
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
+from harness.run.executors import Bar, no_bar
 from harness.run.manifest import RunManifest
 from harness.score.calibration import coverages, reliabilities, reliabilities_by_subject
 from harness.score.finished_run import FinishedRun
@@ -119,13 +120,15 @@ def _page(
     )
 
 
-def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
+def rescore(directory: RunDirectory, annotator: str | None = None, *, bar: Bar = no_bar) -> Scores:
     """Score a finished run and write its tables, its page, and the verdicts of its recordings.
 
     Parameters
     ----------
     annotator
         Score against this annotator's labels, as all that reads the run then does; None for those that the run names.
+    bar
+        Shows the progress of the verdicts of recordings, which take longest in a run of many.
 
     Raises
     ------
@@ -142,7 +145,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
         if any(directory.path.glob("*.rrd")):
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
 
-            write_verdict_layers(directory, reference.labels, reference.names_now)
+            write_verdict_layers(directory, reference.labels, reference.names_now, bar)
         run.note_labels(labels)
     return scores
 

@@ -32,6 +32,16 @@ def test_a_log_gets_a_line_a_minute_with_rate_and_time_left(
     assert all(line.startswith("kitchen: ") for line in err.splitlines())
 
 
+def test_the_verdicts_of_recordings_are_counted_by_recording(
+    now: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with terminal.verdicts_bar(600, "run") as advance:
+        for _ in range(200):
+            now[0] += 0.5
+            advance("kitchen")
+    assert capsys.readouterr().err == "kitchen: 120 of 600 recordings, 2.0 recordings/s, about 4 min left\n"
+
+
 def test_what_comes_before_the_first_frame_does_not_count_for_the_rate(
     now: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -157,6 +157,18 @@ def test_verdicts_follow_an_edited_label(shared, read_back):
     outcomes = columns.at(entities.verdict("one", ANN, "verdict"), "StateChange:state")
     assert outcomes[14] == ["correct"]
     assert shared.files.attention("one").read_bytes() == before
+
+
+def test_the_progress_of_verdicts_is_that_of_recordings(shared):
+    seen = []
+
+    @contextmanager
+    def bar(total, what):
+        seen.append((total, what))
+        yield seen.append
+
+    write_verdict_layers(RunDirectory(shared.run), {"clip": LABELS}, bar=bar)
+    assert seen == [(len(shared.configurations), shared.run.name), *["clip"] * len(shared.configurations)]
 
 
 def test_only_layers_that_change_are_written(shared):
