@@ -185,10 +185,12 @@ def wrong_verdicts(scores: Scores, chosen: Chosen) -> list[Verdict]:
     """The wrong verdicts, grouped by recording and sorted by frame."""
     judged = (of_subject.judged for of_subject in _judged(scores, chosen))
     wrong = (verdict for each in judged for verdict in each.where(each.is_wrong).verdicts())
-    clips, configurations = scores.clips.index, scores.configurations.index
+    clips, configurations = (
+        {name: place for place, name in enumerate(names)} for names in (scores.clips, scores.configurations)
+    )
     return sorted(
         (verdict for verdict in wrong if chosen.error_type in (None, verdict.error_type)),
-        key=lambda verdict: (clips(verdict.clip), configurations(verdict.configuration), verdict.frame),
+        key=lambda verdict: (clips[verdict.clip], configurations[verdict.configuration], verdict.frame),
     )
 
 

@@ -129,9 +129,9 @@ def reliabilities(subjects: Iterable[JudgedSubject]) -> list[Reliability]:
     for name, group in _with_values(subjects, "confidence").items():
         columns = ([each.confidence, each.correct, each.brier] for each in group)
         frames = np.concatenate([np.stack(of_subject, axis=1) for of_subject in columns])
-        clips = sorted({of_subject.clip for of_subject in group})
+        numbers = {clip: number for number, clip in enumerate(sorted({of_subject.clip for of_subject in group}))}
         codes = np.repeat(
-            [clips.index(of_subject.clip) for of_subject in group], [len(of_subject.frames) for of_subject in group]
+            [numbers[of_subject.clip] for of_subject in group], [len(of_subject.frames) for of_subject in group]
         )
         known = ~np.isnan(frames[:, 0])
         found.append(reliability(name, frames[known], codes[known]))

@@ -103,8 +103,7 @@ def _key(of_subject: JudgedSubject) -> tuple[str, str, str]:
 def _subjects_of(
     judged: Mapping[Pair, PairVerdicts], reference: Reference, phase: str | None, codes: dict[str, int]
 ) -> Iterator[JudgedSubject]:
-    for name in dict.fromkeys(clip for clip, _ in judged):
-        parts = [part for (clip, _), part in judged.items() if clip == name]
+    for name, parts in grouped((clip, part) for (clip, _), part in judged.items()).items():
         wanted = np.array(reference.wanted_frames(name), dtype=np.int64)
         frames = np.unique(np.concatenate([wanted, *(part.frames for part in parts)]))
         rate = _rate_hz(parts)
@@ -247,11 +246,12 @@ def _limits_rad(subjects: Sequence[JudgedSubject], place: int) -> dict[str, floa
     angles_rad = np.concatenate([of_subject.angles_rad for of_subject in subjects])
     hits = np.concatenate([of_subject.baselines[:, place] for of_subject in subjects])
     nowhere = np.concatenate([of_subject.nowhere for of_subject in subjects])
-    clip_at = np.repeat([clips.index(each.clip) for each in subjects], [len(each.angles_rad) for each in subjects])
+    numbers = {clip: number for number, clip in enumerate(clips)}
+    clip_at = np.repeat([numbers[each.clip] for each in subjects], [len(each.angles_rad) for each in subjects])
     order = np.argsort(angles_rad, kind="stable")  # those of the other clips are then in order for each clip
     frames = [column[order] for column in (angles_rad, hits, nowhere)]
-    of_others = {clip: clip_at[order] != number for number, clip in enumerate(clips)}
-    return {clip: best_limit_rad(*(column[others] for column in frames)) for clip, others in of_others.items()}
+    of_others = ((clip, clip_at[order] != number) for clip, number in numbers.items())
+    return {clip: best_limit_rad(*(column[others] for column in frames)) for clip, others in of_others}
 
 
 def _coded(found: Codes, words: Words, codes: dict[str, int]) -> Codes:
