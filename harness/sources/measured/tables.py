@@ -108,7 +108,7 @@ class MeasuredTables(FramesOfMeasurements):
             rows_of.pop(name, None)  # in frames without a row there is the head of a person, or a fixed object
         seen = grouped((name, frame) for frame, of_frame in present.items() for name in of_frame)
         self.doubts = (
-            *_unit_notes(table),
+            *_unit_notes(table, CUES if settings.gaze == "cue" else CUES[:1]),
             *_sparse_notes(people, seen, self.frames, _FEWEST_SEEN),
             *(_sparse_notes(objects, rows_of, self.frames, 1) if objects else ()),
         )
@@ -255,15 +255,19 @@ def _angles(table: TableColumns, column: str, most: float) -> Float:
     return angles
 
 
-def _unit_notes(table: TableColumns) -> tuple[str, ...]:
-    """A note for each cue whose claimed errors are so small that they are probably not in degrees."""
-    columns = [f"{cue}_sigma_deg" for cue in CUES]
-    most = {column: np.nanmax(table.numbers(column), initial=0) for column in columns}
-    return tuple(
-        f"{table.path.name}: {column}: found at most {degrees:.3g}; expected degrees (radians?)"
-        for column, degrees in most.items()
-        if 0 < degrees < _SMALL_SIGMA_DEG
-    )
+def _unit_notes(table: TableColumns, cues: Sequence[str]) -> tuple[str, ...]:
+    """A note for each column of claimed errors of cues that are probably not in degrees, or that are all 0."""
+    columns = (f"{cue}_sigma_{unit}" for cue in cues for unit in ("deg", "rad"))
+    known = {column: numbers[~np.isnan(numbers)] for column in columns if (numbers := table.numbers(column)).size}
+    most = {column: float(numbers.max()) for column, numbers in known.items() if numbers.size}
+    said = {
+        column: "found 0 alone, which claims exact directions; expected their errors, or blank cells if not known"
+        if angle == 0
+        else f"found at most {angle:.3g}; expected degrees (radians?)"
+        for column, angle in most.items()
+        if angle == 0 or (column.endswith("_deg") and angle < _SMALL_SIGMA_DEG)
+    }
+    return tuple(f"{table.path.name}: {column}: {what}" for column, what in said.items())
 
 
 def _sparse_notes(

@@ -149,14 +149,29 @@ def test_half_a_turn_may_be_rounded_up(tmp_path: Path, sigma: str) -> None:
         open_measured("measured", tmp_path)
 
 
-@pytest.mark.parametrize(("sigmas", "notes"), [((0.09, 0.17), 1), ((0.0, 0.0), 0), ((0.09, 8.0), 0)])
-def test_claimed_errors_in_radians_are_noted(tmp_path: Path, sigmas: tuple[float, float], notes: int) -> None:
-    rows = (f"{frame},{frame},anna,0,0,1,0,0,1,{sigma}" for frame, sigma in enumerate(sigmas))
-    header = "frame,time_ns,person,x_m,y_m,z_m,head_x,head_y,head_z,head_sigma_deg"
+@pytest.mark.parametrize(
+    ("sigmas", "unit", "said"),
+    [
+        ((0.09, 0.17), "deg", ["found at most 0.17"]),
+        ((0.0, 0.0), "deg", ["found 0 alone"]),  # empty cells that a script has filled
+        ((0.0, 0.0), "rad", ["found 0 alone"]),
+        ((0.09, 0.17), "rad", []),
+        ((0.09, 8.0), "deg", []),
+        ((0.0, 8.0), "deg", []),
+        (("", ""), "deg", []),
+    ],
+)
+def test_claimed_errors_that_are_not_in_degrees_or_all_zero_are_noted(
+    tmp_path: Path, sigmas: tuple[float | str, float | str], unit: str, said: list[str]
+) -> None:
+    rows = [f"{frame},{frame},anna,0,0,1,0,0,1,{sigma}" for frame, sigma in enumerate(sigmas)]
+    header = f"frame,time_ns,person,x_m,y_m,z_m,head_x,head_y,head_z,head_sigma_{unit}"
     (tmp_path / "people.csv").write_text("\n".join([header, *rows, ""]))
     found = open_measured("measured", tmp_path).notes
-    assert len(found) == notes
-    assert all("people.csv: head_sigma_deg: found at most 0.17" in note for note in found)
+    assert len(found) == len(said)
+    assert all(f"people.csv: head_sigma_{unit}: {what}" in note for note, what in zip(found, said, strict=True))
+    write_text(tmp_path / "people.csv", "\n".join([header, *rows]).replace("head", "gaze"))
+    assert open_measured("measured", tmp_path, gaze="truth").notes == ()  # it is no cue
 
 
 @pytest.mark.parametrize(
