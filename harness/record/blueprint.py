@@ -38,7 +38,8 @@ class ClipContent:
     ``per_second`` is how many numbers of frames a second has.
     ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres. ``span`` is the
     first and the last frame, None if they are not known yet. ``is_from_0``: its times begin near 0, unlike those of
-    a clock. ``curves`` are the entity paths of attention that have values.
+    a clock. ``curves`` are the entity paths of attention that have values; ``probabilistic`` the configurations in
+    which these are probabilities.
     """
 
     has_images: bool
@@ -49,6 +50,7 @@ class ClipContent:
     span: tuple[int, int] | None = None
     is_from_0: bool = True
     curves: frozenset[str] = frozenset()
+    probabilistic: frozenset[str] = frozenset()
 
     def has_curves(self, path: str) -> bool:
         """Whether there are values at an entity path, or below it."""
@@ -226,7 +228,8 @@ def _plot(
     *,
     legend: bool = False,
 ) -> rrb.TimeSeriesView:
-    # the vertical axis fits the data: who wins matters, and with narrow cones all values are small
+    # values of narrow cones are all small, and who wins matters: their vertical axis fits the data
+    axis = rrb.ScalarAxis(range=(0, 1)) if layers.configuration in shown.probabilistic else None
     corner, contents = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend), ["$origin/**"]
     if subject is None:
         # of each person the total alone: the parts of the cues have the same names and colours
@@ -236,7 +239,7 @@ def _plot(
     else:
         origin = entities.curves(layers.configuration, subject, value)
         name = f"Attention of {subject}" if value == "total" else f"by {value}"
-    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=corner, axis_x=room)
+    return rrb.TimeSeriesView(origin=origin, contents=contents, name=name, plot_legend=corner, axis_x=room, axis_y=axis)
 
 
 def _states(layers: LayerNames, subject: str | None, shown: ClipContent) -> rrb.StateTimelineView:

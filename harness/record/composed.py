@@ -97,13 +97,17 @@ class Composed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedClip:
-    """The recordings of one clip in a run, for the selected configurations."""
+    """The recordings of one clip in a run, for the selected configurations.
+
+    ``probabilistic`` are the configurations whose attention is a probability.
+    """
 
     files: ClipFiles
     layers: tuple[LayerNames, ...]
     subjects: tuple[str, ...]
     frames: tuple[int, ...]
     rate_hz: float | None
+    probabilistic: frozenset[str]
 
     def expect_subject(self, subject: str | None) -> None:
         """Reject a subject that the clip does not have; None is any."""
@@ -181,6 +185,7 @@ def _content(clips: Sequence[RecordedClip]) -> ClipContent:
         span=(min(frames), max(frames)) if frames else None,
         is_from_0=all(first <= _MOST_LENGTHS * (last - first) for first, last in times_ns),
         curves=frozenset(path for path in paths if path.startswith(f"{entities.ATTENTION}/")),
+        probabilistic=clips[0].probabilistic,
     )
 
 
@@ -219,12 +224,20 @@ def _clips(run: Path) -> list[RecordedClip]:
     """Every clip of a run, with its recorded configurations, if there are any."""
     manifest, recorded = RunDirectory(run).read_manifest(), []
     names = layer_names(manifest.configurations).values()
+    probabilistic = frozenset(name for name, method in manifest.methods.items() if method.probabilistic)
     for clip in manifest.clips:
         files = ClipFiles(run=run, clip=clip.name)
         layers = tuple(name for name in names if files.attention(name.configuration).is_file())
         subjects, frames = clip.subjects, tuple(clip.frames)
         recorded.append(
-            RecordedClip(files=files, layers=layers, subjects=subjects, frames=frames, rate_hz=clip.rate_hz)
+            RecordedClip(
+                files=files,
+                layers=layers,
+                subjects=subjects,
+                frames=frames,
+                rate_hz=clip.rate_hz,
+                probabilistic=probabilistic,
+            )
         )
     return recorded
 

@@ -179,6 +179,7 @@ class Recorder:
             has_measured_depth=camera is not None and camera.has_depth,
             eye=eye_of_scene(first.result.scene),
             per_second=self.per_second,
+            probabilistic=frozenset([self.layers.configuration] if self.probabilistic else []),
         )
         self._layer.open(file_layout(self.layers, self._shown))
         self._layer.stream.log(entities.GUIDE, guide(), static=True)

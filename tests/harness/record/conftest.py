@@ -200,10 +200,11 @@ def write_run(run: Path, frames: Mapping[str, list[Shown]], **options: Any) -> R
     directory = RunDirectory(run)
     names = {"subjects": {ANN: {}}, "targets": {"red cup": {}}}
     clip = {"name": "clip", "frames": numbers, "rate_hz": 25, "names": names}
-    write_manifest(directory, {"clips": [clip], "configurations": tables, "finished": "now"})
-    files = ClipFiles(run=run, clip="clip", ids=recording_ids(str(uuid.uuid4()), "clip"))
     options = {"rate_hz": 25, "names": ["red cup", ANN], **options}
     of_each = {"names": options["names"], "probabilistic": options.pop("probabilistic", False)}
+    methods = {name: {"probabilistic": of_each["probabilistic"]} for name in frames}
+    write_manifest(directory, {"clips": [clip], "configurations": tables, "methods": methods, "finished": "now"})
+    files = ClipFiles(run=run, clip="clip", ids=recording_ids(str(uuid.uuid4()), "clip"))
     with SharedRecorder(files, layers, **options) as recorder:
         for number in numbers:
             recorder.write(

@@ -104,6 +104,18 @@ def test_plots_end_with_their_data_on_the_timelines_of_frames_and_of_times(frame
     assert all(room["start"] < first and room["end"] is None for (room,) in ranges)
 
 
+@pytest.mark.parametrize("probabilistic", [True, False])
+def test_plots_of_probabilities_reach_from_0_to_1(frames, tmp_path, probabilistic):
+    recorded = write_run(tmp_path / "run", {CONFIGURATION: frames}, probabilistic=probabilistic)
+    (composed,) = find_recordings(tmp_path / "run", None, None)
+    for file in (composed.files_to_open(tmp_path)[0], recorded.files.attention(CONFIGURATION)):
+        reader = RrdReader(file)
+        chunks = reader.stream(store=reader.blueprints()[0]).filter(components="ScalarAxis:range")
+        ranges = [chunk.to_record_batch().column("ScalarAxis:range")[0].as_py() for chunk in chunks]
+        assert all(limits == [[0, 1]] for limits in ranges)
+        assert bool(ranges) == probabilistic
+
+
 @pytest.mark.parametrize(("begins_ns", "has_room"), [(0, True), (10**18, False)])
 def test_a_plot_does_not_begin_in_1970_where_times_are_those_of_a_clock(frames, tmp_path, begins_ns, has_room):
     def later(shown):
