@@ -316,7 +316,8 @@ def _refuse_unpaired(path: Path) -> None:
         raise VfoaError(
             f"{path}: no two views are seen in {films[0]}; expected --set layout=video_side_by_side (or "
             "video_top_bottom) where one film has both, or two films: --set left=LEFT.mp4 --set right=RIGHT.mp4 of "
-            "their folder"
+            "their folder; of a film of one camera, OpenFace's table or a folder with people.csv is a clip by itself "
+            "(docs/sources.md, Measurements without images)"
         )
     if images := [name for names in files for name in names]:
         raise VfoaError(

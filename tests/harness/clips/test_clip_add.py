@@ -17,7 +17,7 @@ from harness.clips.check import check_clip, depth_notes
 from harness.clips.families import patterns_of
 from harness.clips.manifest import load_manifest
 from harness.sources import ADAPTERS, Recogniser
-from tests.disk import HEIGHT, WIDTH, write_image, write_text
+from tests.disk import HEIGHT, WIDTH, write_image, write_text, write_video
 from tests.harness.clips.adding import (
     KINDS,
     NUMBERS,
@@ -119,6 +119,15 @@ def test_a_folder_of_folders_says_how_each_is_added(tmp_path: Path) -> None:
     assert words == ["vfoa", "clips", "add", f"{tmp_path}/the data/*/"]
     added = vfoa("add", *(tmp_path / "the data").glob("*/"), *NUMBERS)
     assert sorted(clip["name"] for clip in added) == ["p01", "p_2"]
+
+
+def test_the_film_of_one_camera_is_refused_with_what_is_a_clip_of_it(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    film = tmp_path / "talk.mp4"
+    write_video(film, [rng.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8) for _ in range(5)])
+    said = refused(film, *NUMBERS)
+    assert said.startswith(f"{film}: no two views are seen in talk.mp4; ")
+    assert [word for word in ("layout=video_side_by_side", "left=LEFT.mp4", "people.csv") if word not in said] == []
 
 
 def test_what_is_added_is_listed(tmp_path: Path) -> None:
