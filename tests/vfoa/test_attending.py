@@ -290,6 +290,13 @@ def test_a_method_that_leaves_out_a_person_or_changes_the_order_is_refused(monke
     alone = replace(scene, people=scene.people[:1])
     assert counting(monkeypatch, Wrong()).step(alone, Tracked(ids=(1,), open=frozenset({1})))
 
+    class WrongAtOnce(Counting):
+        def attend_frames(self, frames):
+            return [tuple(Attention(subject=each) for each in subjects[::-1]) for subjects, _ in frames]
+
+    with pytest.raises(ValueError, match="in their order"):
+        counting(monkeypatch, WrongAtOnce()).steps([(scene, Tracked(ids=(1, 2), open=frozenset({1, 2})), None)])
+
 
 def test_a_method_that_answers_fewer_frames_than_asked_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     class Short(Counting):

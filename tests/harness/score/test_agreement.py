@@ -83,6 +83,16 @@ def test_an_interval_needs_looks_that_differ() -> None:
     assert _pair("b" * 40, "b" * 20 + "c" * 20).interval == NO_INTERVAL  # one look
 
 
+def test_looks_shorter_than_two_seconds_are_joined_for_the_interval() -> None:
+    """Looks of 0.6 s make two units, which are too few; where the rate is not known, each of the eight is one."""
+    labels = {"anna": _labels(girl="bbbccc" * 4), "ben": _labels(girl="bbbcccbbcccb" * 2)}
+    at_5_hz, unknown, slow = (compare_annotators(labels, FRAMES, rate_hz)[0] for rate_hz in (5.0, None, 1.0))
+    assert at_5_hz.kappa == unknown.kappa == slow.kappa
+    assert at_5_hz.interval == NO_INTERVAL
+    assert unknown.interval.low < unknown.kappa < unknown.interval.high
+    assert slow.interval == unknown.interval
+
+
 def test_errors_that_lie_together_widen_the_interval() -> None:
     truth = "b" * 10 + "c" * 10 + "b" * 10 + "c" * 10 + "b" * 10 + "c" * 10 + "b" * 10 + "c" * 10
     other = {"b": "c", "c": "b"}

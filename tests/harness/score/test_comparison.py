@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.score.comparison import compare, format_p, with_holm
+from harness.score.comparison import compare, detectable_difference, format_p, with_holm
 from harness.score.intervals import ScoredFrames, Units, difference_interval, pair
 from harness.score.statistics import NO_INTERVAL
 
@@ -109,6 +109,10 @@ def test_several_comparisons_are_corrected_together() -> None:
     ]
     assert [each.p_holm for each in found] == pytest.approx([6 / 2**8, 6 / 2**8, 1.0])
     assert "corrected for 3 comparisons" in found[0].sentence
+    assert [each.can_be_significant for each in found] == [True] * 3
+    few = {name: _clips([right] * 6) for name, right in (("a", 1), ("b", 3), ("c", 4))}  # alone, 2 / 2**6 is below 5 %
+    assert [each.can_be_significant for each in compare(few)] == [False] * 3
+    assert compare({name: few[name] for name in "ab"})[0].can_be_significant
 
 
 def test_what_cannot_be_told_apart_says_what_could_have_been() -> None:
@@ -170,4 +174,6 @@ def test_intervals_have_the_level_at_which_holm_tests_their_comparison(
     corrected = with_holm([replace(one, p=p, units=units) for p in p_values])
     expected = [difference_interval(units, level) for level in levels]
     assert [comparison.interval for comparison in corrected] == expected
+    assert [comparison.detectable for comparison in corrected] == [detectable_difference(units, family=3)] * 3
+    assert detectable_difference(units, family=3) > detectable_difference(units) > 0
     assert len({interval.high for interval in (difference_interval(units, 0.05 / k) for k in (1, 2, 3))}) == 3
