@@ -232,3 +232,13 @@ def test_a_box_that_holds_the_point_is_nearer_than_one_half_a_pixel_away(
 def test_a_point_on_a_target_that_was_not_segmented_changes_nothing() -> None:
     record = frame_record([CAN], [subject_record("girl", totals={2: 0.5}, focus=2)])
     assert _judge(record, "cup", (3.0, 4.0)).error_type == "target_not_segmented"
+
+
+def test_of_two_people_of_one_name_the_first_is_judged() -> None:
+    looks = {
+        name: subject_record("girl", totals={1: 0.5, 2: 0.4}, focus=number) for number, name in ((1, "cup"), (2, "can"))
+    }
+    for first, second in (("cup", "can"), ("can", "cup")):
+        record = frame_record([CUP, CAN], [looks[first], looks[second]])
+        assert _judge(record, first).outcome == "correct"
+        assert _judge(record, second).outcome == "wrong"
