@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from harness.record.composed import Composed
     from harness.record.web_app import Routes
 
+MOST_OPENED = 20
+"""Most clips that are opened at once: a viewer with hundreds of recordings takes minutes to open."""
+
 
 def view(
     run: Recordings,
@@ -95,7 +98,9 @@ def view(
         recordings = find_recordings(folder, clip, config, subject)
     else:
         recordings = [_compared(folder, clip, config, subject, compare)]
-    first, *others = recordings
+    if len(recordings) > MOST_OPENED:
+        say(f"vfoa: the first {MOST_OPENED} of {len(recordings)} clips; --clip opens another one", err=True)
+    first, *others = recordings[:MOST_OPENED]
     if frame is not None:
         first.expect_frame(frame)
     if folder.is_file():
@@ -106,10 +111,10 @@ def view(
             viewer.screenshot(first, frame, screenshot)
     elif web:
         paths = [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)]
-        browse(recordings, paths, more=_label_routes(folder))
+        browse([first, *others], paths, more=_label_routes(folder))
     else:
         with ended_by_signals():
-            viewer.show(recordings, frame)
+            viewer.show([first, *others], frame)
 
 
 def _first_wrong(

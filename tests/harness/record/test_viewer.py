@@ -19,10 +19,12 @@ from hypothesis import strategies as st
 from rerun.chunk import RrdReader
 
 from harness.cli import main
+from harness.cli.view import MOST_OPENED
 from harness.record import viewer
 from harness.record.blueprint import HALF_VIEW, LEAST_M, eye_of_scene, eye_on
 from harness.record.composed import Composed, find_clips, find_recordings
 from harness.record.excerpt import write_excerpt
+from harness.record.layers import ClipFiles
 from harness.record.reading import RecordingFile, first_shapes
 from harness.record.verdict_layer import write_verdict_layers
 from harness.record.viewer import screenshot
@@ -463,6 +465,23 @@ def test_a_frame_opens_with_the_tab_of_the_person_who_is_wrong_there(frames, tmp
     )
     assert _vfoa(monkeypatch, "export-failure", str(run), "--config", "two", "--frame", "14", "--out", str(cut)) == 0
     assert shown == [ANN]
+
+
+def test_of_many_clips_the_first_ones_are_opened(frames, tmp_path, monkeypatch, capsys):
+    run = write_run(tmp_path / "run", {"one": frames}).run
+    manifest = RunDirectory(run).read_manifest()
+    names = [f"clip {k}" for k in range(MOST_OPENED + 3)]
+    clips = [manifest.clips[0].model_copy(update={"name": name}) for name in names]
+    RunDirectory(run).write_manifest(manifest.model_copy(update={"clips": clips}))
+    for name in names:
+        ClipFiles(run=run, clip=name).attention("one").touch()
+    shown = []
+    monkeypatch.setattr(viewer, "show", lambda recordings, frame: shown.append([each.clip for each in recordings]))
+    assert _vfoa(monkeypatch, "view", str(run)) == 0
+    assert shown.pop() == names[:MOST_OPENED]
+    assert capsys.readouterr().err == "vfoa: the first 20 of 23 clips; --clip opens another one\n"
+    assert _vfoa(monkeypatch, "view", str(run), "--clip", names[-1]) == 0
+    assert (shown.pop(), capsys.readouterr().err) == ([names[-1]], "")
 
 
 def test_two_configurations_are_compared_side_by_side_by_one_command(frames, tmp_path, monkeypatch, capsys):
