@@ -8,6 +8,7 @@ from typing import Protocol
 from harness.files.io import read_text
 from harness.labels.files import VERSION_LINE, read_annotations, write_annotations
 from harness.labels.formats.exchange import Exchange, Imported
+from harness.labels.formats.spans import without
 from harness.labels.labels import Labels
 from vfoa.errors import VfoaError
 from vfoa.registry import Registry
@@ -54,7 +55,13 @@ class AnnotationCsv:
             allow_gaps=True,
             translate=exchange.names_of_row,
         )
-        return exchange.labels(labels.ranges, path)
+        found = [row for row in labels.ranges if exchange.positions(row)]
+        outside = [
+            f"{row.subject} in frames {row.first_frame} to {row.last_frame}"
+            for row in labels.ranges
+            if not exchange.positions(row)
+        ]
+        return without(outside, exchange.labels(found, path), path)
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
         """Write the canonical form, without people whom the manifest does not name."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 
+from harness.labels.files import write_annotations
 from harness.labels.formats import FORMATS
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
@@ -558,6 +559,18 @@ def test_rows_of_frames_that_the_clip_does_not_have_are_counted(
     notes = [note for note in imported.notes if "without a frame of the clip" in note]
     assert len(notes) == bool(said)
     assert all(re.search(said, note) for note in notes)
+
+
+def test_rows_of_the_own_format_without_a_frame_of_the_clip_are_counted(tmp_path: Path) -> None:
+    clip = exchange(PlainClip(frames=range(0, 40, 4), rate_hz=10.0))
+    ranges = [row(0, 3, "bird"), row(5, 7, "cup"), row(8, 9, "bird"), row(9, 11, "cup", "boy")]
+    path = tmp_path / "mine.csv"
+    write_annotations(path, Labels(ranges))
+    imported = FORMATS.load("csv")().read(path, clip)
+    assert {frame: imported.labels.at(frame, "girl") for frame in (0, 8)} == dict.fromkeys((0, 8), ranges[0].label)
+    assert imported.labels.subjects == ("girl",)
+    (note,) = (note for note in imported.notes if "left out" in note)
+    assert note.endswith("2 labels without a frame of the clip, the first at girl in frames 5 to 7.")
 
 
 def test_names_are_translated_and_a_note_is_kept(tmp_path: Path) -> None:
