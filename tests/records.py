@@ -26,7 +26,11 @@ AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def target_record(
-    instance_id: int, name: str, *, box_px: BoxPx = (0.0, 0.0, 10.0, 10.0), center: Vector | None = (0.0, 0.0, 2.0)
+    instance_id: int,
+    name: str,
+    *,
+    box_px: BoxPx | None = (0.0, 0.0, 10.0, 10.0),
+    center: Vector | None = (0.0, 0.0, 2.0),
 ) -> TargetRecord:
     """A target with a 3D box about ``center``; without one if that is None."""
     box = None if center is None else BoxRecord(center_m=center, half_size_m=(0.1, 0.1, 0.1), axes=AXES)

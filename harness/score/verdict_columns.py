@@ -434,7 +434,7 @@ def hits_of(named: Flags, picks: Codes) -> Flags:
 
 
 def _nearest(named: Flags, boxes_px: Float, points_px: Float) -> Flags:
-    """Of the named instances (n, K) the one nearest to each point: by the box, then by its middle."""
+    """Of the named instances (n, K) the one nearest to each point: by box, then by its middle; without boxes, all."""
     u0, v0, u1, v1 = np.moveaxis(boxes_px, -1, 0)
     u, v = points_px[:, :1], points_px[:, 1:]
     outside = np.maximum(np.maximum(u0 - u, 0.0), u - u1) ** 2 + np.maximum(np.maximum(v0 - v, 0.0), v - v1) ** 2
@@ -443,4 +443,5 @@ def _nearest(named: Flags, boxes_px: Float, points_px: Float) -> Flags:
     for distances in (outside, off_center):
         known = np.where(nearest & ~np.isnan(distances), distances, np.inf)
         nearest = nearest & (known == known.min(axis=1, keepdims=True))
-    return np.arange(named.shape[1]) == np.argmax(nearest, axis=1)[:, None]
+    has_box = (named & ~np.isnan(boxes_px[..., 0])).any(axis=1, keepdims=True)
+    return np.where(has_box, np.arange(named.shape[1]) == np.argmax(nearest, axis=1)[:, None], named)

@@ -99,9 +99,12 @@ def find_subject(record: FrameRecord, subject: str) -> SubjectRecord | None:
 
 
 def true_targets(record: FrameRecord, label: Label) -> list[TargetRecord]:
-    """Return the instances with the label's name; if the label has an image point, only the one nearest to it."""
+    """Return the instances with the label's name; if the label has an image point, only the one nearest to it.
+
+    A point says nothing of instances of which none has a box in the image.
+    """
     named = [target for target in record.targets if target.name == label.target]
-    if label.point_px is None or len(named) < 2:
+    if label.point_px is None or len(named) < 2 or all(target.box_px is None for target in named):
         return named
     point = label.point_px
     return [min(named, key=lambda target: _distance_px(target.box_px, point))]

@@ -181,6 +181,17 @@ def test_a_point_in_two_boxes_means_the_one_it_is_more_central_in() -> None:
     assert _judge(record, "cup", (45.0, 45.0)).outcome == "correct"
 
 
+def test_a_point_does_not_tell_targets_without_images_apart() -> None:
+    """Measured ones have no box in an image: any of them is right, not the first one alone."""
+    cups = [target_record(each, "cup", box_px=None) for each in (1, 2)]
+    for focus in (1, 2):
+        record = frame_record(cups, [subject_record("girl", totals={focus: 0.5}, focus=focus)])
+        assert _outcome(_judge(record, "cup", (5.0, 5.0))) == ("cup", "correct", None)
+    beside = [cups[0], target_record(2, "cup", box_px=(0, 0, 10, 10))]
+    record = frame_record(beside, [subject_record("girl", totals={1: 0.5}, focus=1)])
+    assert _judge(record, "cup", (5.0, 5.0)).outcome == "wrong"
+
+
 def test_a_target_with_a_box_is_not_without_because_another_of_its_name_is() -> None:
     record = frame_record(
         [target_record(1, "cup", center=None), target_record(2, "cup")], [subject_record("girl", totals={2: 0.0})]
