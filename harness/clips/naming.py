@@ -7,7 +7,7 @@ the source, its place from the left, or a place in the image.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from typing import Self
@@ -65,9 +65,13 @@ class NameRule(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubjectNames:
-    """State carried from frame to frame: the name of each track, and the last position of each name (a head, px)."""
+    """State carried from frame to frame: the name of each track, and the last position of each name (a head, px).
+
+    ``of_source`` are the names that the source gave: whomever it calls otherwise has none of them.
+    """
 
     by_track: Mapping[int, str] = field(default_factory=dict)
+    of_source: frozenset[str] = frozenset()
     last_seen_px: Mapping[str, PointPx] = field(default_factory=dict)
 
 
@@ -121,17 +125,22 @@ def name_subjects(scene: Scene, tracked: Tracked, rules: Rules, memory: SubjectN
     """
     people = _people(scene, tracked)
     by_source = {person.own_name: person.key for person in people if person.own_name and person.own_name in rules}
-    by_track = {track: name for track, name in memory.by_track.items() if name not in by_source}
+    of_source, called = memory.of_source | by_source.keys(), {person.key: person.own_name for person in people}
+    by_track = {
+        track: name
+        for track, name in memory.by_track.items()
+        if name not in by_source and not _is_another(called.get(track), name, of_source)
+    }
     by_track |= {track: name for name, track in by_source.items()}
     present = {person.key: by_track[person.key] for person in people if person.key in by_track}
-    named = _named(present, _in_turn(rules, memory), people)
+    named = _named(present, _in_turn(rules, memory), people, of_source)
     by_track = {track: name for track, name in by_track.items() if name not in named.values()} | named
     seen = {
         by_track[candidate.key]: place
         for candidate in people
         if candidate.key in by_track and (place := candidate.center_px)
     }
-    return SubjectNames(by_track=by_track, last_seen_px={**memory.last_seen_px, **seen})
+    return SubjectNames(by_track=by_track, of_source=of_source, last_seen_px={**memory.last_seen_px, **seen})
 
 
 def name_instances(
@@ -146,7 +155,13 @@ def name_instances(
     ``seen`` has the instances with their boxes (4,), ``of_people`` the names of subjects by the ids of their instances.
     """
     things = [
-        _Candidate(key=instance.id, instance_id=instance.id, label=instance.label, box_px=box_px)
+        _Candidate(
+            key=instance.id,
+            instance_id=instance.id,
+            label=instance.label,
+            box_px=box_px,
+            own_name=composed(instance.name) if instance.name else None,
+        )
         for instance, box_px in seen
     ]
     names = {instance_id: name for instance_id, name in of_people.items() if instance_id is not None}
@@ -156,7 +171,7 @@ def name_instances(
         if own_name in known and own_name not in names.values():
             names.setdefault(instance.id, own_name)
     exact = {name: rule for name, rule in targets.items() if not rule.is_shared}
-    names = _named(names, (*_in_turn(subjects, memory), exact), things)
+    names = _named(names, (*_in_turn(subjects, memory), exact), things, memory.of_source)
     shared = {rule.category: name for name, rule in targets.items() if rule.is_shared}
     names |= {thing.key: shared[thing.label] for thing in things if thing.key not in names and thing.label in shared}
     return {instance.id: names.get(instance.id, instance.automatic_name) for instance, _ in seen}
@@ -212,16 +227,26 @@ def _in_turn(rules: Rules, memory: SubjectNames) -> tuple[Rules, Rules]:
     return returning, {name: rule for name, rule in rules.items() if name not in returning}
 
 
-def _named(names: Mapping[int, str], rounds: Iterable[Rules], everyone: Sequence[_Candidate]) -> dict[int, str]:
+def _is_another(own_name: str | None, name: str, of_source: Collection[str]) -> bool:
+    """Whether the source calls somebody otherwise than by this name, which it gave: then it is not lost, but absent."""
+    return own_name is not None and own_name != name and name in of_source
+
+
+def _named(
+    names: Mapping[int, str], rounds: Iterable[Rules], everyone: Sequence[_Candidate], of_source: Collection[str]
+) -> dict[int, str]:
     """The names by candidates' keys: those given, then those that the rules find, round by round."""
     named = dict(names)
     for rules in rounds:
         free = {name: rule for name, rule in rules.items() if name not in named.values()}
-        named |= _assign(free, [candidate for candidate in everyone if candidate.key not in named], everyone)
+        unnamed = [candidate for candidate in everyone if candidate.key not in named]
+        named |= _assign(free, unnamed, everyone, of_source)
     return named
 
 
-def _assign(rules: Rules, candidates: Iterable[_Candidate], everyone: Iterable[_Candidate]) -> dict[int, str]:
+def _assign(
+    rules: Rules, candidates: Iterable[_Candidate], everyone: Iterable[_Candidate], of_source: Collection[str]
+) -> dict[int, str]:
     """Assign names to candidates' keys, each name and each candidate at most once, the best match first.
 
     Places from the left are counted among ``everyone``.
@@ -231,7 +256,8 @@ def _assign(rules: Rules, candidates: Iterable[_Candidate], everyone: Iterable[_
         (match, places[candidate.key], order, candidate.key, name)
         for order, (name, rule) in enumerate(rules.items())
         for candidate in candidates
-        if (match := _match(rule, candidate, places[candidate.key])) is not None
+        if not _is_another(candidate.own_name, name, of_source)
+        and (match := _match(rule, candidate, places[candidate.key])) is not None
     )
     assigned: dict[int, str] = {}
     for *_, key, name in matches:

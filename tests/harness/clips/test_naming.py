@@ -235,3 +235,32 @@ def test_a_name_that_the_source_gives_stands_over_the_rules() -> None:
     assert {names.targets[key] for key in (1, 3)} == {"ben", "glass"}
     assert "mug" not in (names.targets[3], names.targets[1])
     assert memory.by_track == {1: "ben"}
+
+
+def _called(found: Frame, **names: str) -> Frame:
+    """The frame with names of the source, by the instance's id after a letter."""
+    scene, tracked = found
+    own = {int(key[1:]): name for key, name in names.items()}
+    named = tuple(
+        replace(target, instance=replace(target.instance, name=own.get(target.instance.id))) for target in scene.targets
+    )
+    return replace(scene, targets=named), tracked
+
+
+def test_a_name_that_the_source_gives_goes_to_nobody_whom_it_calls_otherwise() -> None:
+    """Anna is no subject: Ben's name is not hers while he is away, whether her track is new, old, or was his."""
+    ben = {"ben": PERSON}
+    both = _called(people((1, 20), (2, 60)), i11="ben", i12="anna")
+    for track in (1, 2, 3):
+        alone = _called(people((track, 30)), **{f"i{track + 10}": "anna"})
+        assert names_of_tracks(ben, both, alone, both) == [{1: "ben"}, {}, {1: "ben"}]
+    _, memory = name_frame(*both, ben, {}, SubjectNames())
+    scene, _ = _called(people((3, 30)), i13="anna")
+    assert name_frame(replace(scene, people=()), tracks(), ben, {}, memory)[0].targets == {13: "person#13"}
+
+
+def test_a_name_that_the_source_gives_now_and_then_follows_its_person() -> None:
+    """Of masks without names in between, the lost track's name goes to the nearest new one, as anybody's does."""
+    named = _called(people((1, 20), (2, 60)), i11="ben", i12="anna")
+    between = people((3, 22), (4, 60))
+    assert names_of_tracks({"ben": PERSON}, named, people((1, 21)), between) == [{1: "ben"}, {1: "ben"}, {3: "ben"}]
