@@ -139,7 +139,10 @@ def prepare(
     doubts = (
         Note(f"{prepared.manifest.name}: {doubt}", NoteKind.DOUBT)
         for prepared in clips
-        for doubt in clip_doubts(prepared.clip, prepared.frames)
+        for doubt in (
+            *clip_doubts(prepared.clip, prepared.frames),
+            *_doubts_on_answers(prepared, experiment.configurations),
+        )
     )
     noted = replace(experiment, notes=(*experiment.notes, *map(Note, notes), *doubts))
     return Plan(experiment=noted, clips=clips, sinks=tuple(sinks), fit=fit)
@@ -326,6 +329,22 @@ def _labels_of_fits(plan: Plan) -> dict[str, str | None] | None:
     return {manifest.name: manifest.annotations.digest(plan.experiment.annotator) for manifest in clips}
 
 
+def _doubts_on_answers(prepared: PreparedClip, configurations: Iterable[Configuration]) -> Iterator[str]:
+    """What is in question about the tables of answers of a clip, each once; for unreadable ones describe raises."""
+    doubts: dict[str, None] = {}
+    for configuration in configurations:
+        if reads_clip(configuration.attend.attention):
+            with suppress(VfoaError):
+                doubts |= dict.fromkeys(getattr(_open(configuration, prepared), "doubts", ()))
+    yield from doubts
+
+
+def _open(configuration: Configuration, prepared: PreparedClip) -> Any:
+    """The method of a configuration for a clip."""
+    settings = configuration.attend.attention.for_clip(prepared.manifest.name)
+    return guarded(f"{configuration.name}: attention", open_method, settings, prepared.manifest, prepared.clip)
+
+
 def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]) -> AnswerTraits:
     """What the answers of a configuration are: scores need it, and import no method.
 
@@ -336,9 +355,7 @@ def _describe_method(configuration: Configuration, clips: Iterable[PreparedClip]
     """
     described: dict[str, dict[str, bool]] = {}
     for prepared in clips if reads_clip(configuration.attend.attention) else [*clips][:1]:
-        settings = configuration.attend.attention.for_clip(prepared.manifest.name)
-        where = f"{configuration.name}: attention"
-        method = guarded(where, open_method, settings, prepared.manifest, prepared.clip)
+        method = _open(configuration, prepared)
         described[prepared.manifest.name] = {
             "probabilistic": method.probabilistic,
             "says_nowhere": method.says_nowhere,

@@ -80,12 +80,14 @@ class Answer:
 class Answers:
     """The answers of a table by frame and subject; whether it has probabilities, and whether it has points.
 
-    ``most_px`` is the greatest coordinate of its points, of many.
+    ``most_px`` is the greatest coordinate of its points, of many. ``own_begin_s`` is the time of the clip's first frame
+    where the table's times, which count from there, could as well be of the clip's own clock.
     """
 
     probabilistic: bool
     has_points: bool
     most_px: float | None
+    own_begin_s: float | None
     by_frame: Mapping[int, Mapping[str, Answer]]
 
 
@@ -128,8 +130,17 @@ def read_answers(
         probabilistic=bool(table.chances),
         has_points=table.has_points,
         most_px=max(map(max, points)) if len(points) >= _MANY_POINTS else None,
+        own_begin_s=_own_begin_s(columns, times_ns) if "time_s" in columns.cells else None,
         by_frame=by_frame,
     )
+
+
+def _own_begin_s(columns: TableColumns, times_ns: Sequence[int]) -> float | None:
+    """When the clip begins on its own clock, if all times of a table are on frames by this clock, too; else None."""
+    times_s, wanted = np.array(times_ns, np.int64) / 1e9, columns.numbers("time_s")
+    half_s = float(np.median(np.diff(times_s))) / 2
+    is_inside = wanted.size and times_s[0] - half_s < wanted.min() and wanted.max() < times_s[-1] + half_s
+    return float(times_s[0]) if is_inside and half_s < times_s[0] < SINCE_1970_NS / 1e9 else None
 
 
 def _read(path: Path) -> TableColumns:

@@ -75,16 +75,27 @@ class FileAnswers:
         if not self._path.is_file():
             raise VfoaError(f"attention.file: {self._path}: no such file; expected a table of answers")
         self._rules: Mapping[str, NameRule] = {**manifest.targets, **manifest.subjects}
-        self._people = tuple(manifest.subjects)
+        self._people, self._is_measured = tuple(manifest.subjects), isinstance(clip, MeasuredClip)
         frames = tuple(clip.frames)
         times_ns = tuple(map(clip.time_ns, frames))
         key = file_digest(self._path), frames, times_ns, tuple(self._rules), self._people, settings.frame_offset
         self._answers = _read_once(self._path, *key)
-        if self._answers.has_points and isinstance(clip, MeasuredClip):
+        if self._answers.has_points and self._is_measured:
             raise VfoaError(
                 f"{self._path}:1: u_px, v_px: found points of an image, and the clip {manifest.name} has no images; "
                 "expected the column target"
             )
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is in question about the table. Images numbered from 1 on begin a frame after 0, and have no clock."""
+        begin_s = self._answers.own_begin_s
+        if begin_s is None or not self._is_measured:
+            return ()
+        return (
+            f"{self._path}: time_s: times are read as since the clip's first frame, which is at {begin_s:g} s on the "
+            f"clip's own clock; if they are of this clock: subtract {begin_s:g}.",
+        )
 
     @property
     def probabilistic(self) -> bool:

@@ -22,6 +22,7 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
+from harness.run.notes import NoteKind
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from harness.score.calibration import reliabilities
@@ -29,7 +30,7 @@ from harness.score.score import ScoreRow, Scores
 from harness.sources import Clip, MeasuredClip
 from tests.disk import labels_text, write_text
 from tests.experiments import BLOCKS, experiment_of
-from tests.measured import idiap_file, measured_tables, true_labels
+from tests.measured import STEP_NS, idiap_file, measured_tables, true_labels
 from vfoa.errors import VfoaError
 from vfoa.scoring import NO_HIT
 
@@ -103,6 +104,29 @@ def _counts(scores: Scores) -> list[tuple[str, int, int]]:
 
 def _errors(row: ScoreRow) -> dict[str, int]:
     return {name: count for name, count in row.error_types.items() if count}
+
+
+@pytest.mark.parametrize(
+    ("begin_s", "frames", "is_noted"),
+    [
+        (0.04, range(1, 12), True),  # a frame late each; a row of frame 12 is refused
+        (0.04, range(11), False),  # from the first frame on
+        (0.2, range(5, 8), True),
+        (0.0, range(1, 12), False),
+    ],
+)
+def test_times_that_may_be_of_the_clips_own_clock_are_noted(
+    talk: Path, begin_s: float, frames: range, is_noted: bool
+) -> None:
+    people = talk / "data" / "talk" / "people.csv"
+    header, *lines = (line.split(",") for line in people.read_text().splitlines())
+    for cells in lines:
+        cells[1] = str(round(1e9 * begin_s) + (int(cells[0]) - 1) * STEP_NS)
+    write_text(people, "\n".join(map(",".join, [header, *lines])))
+    _answer((f"{frame * STEP_NS / 1e9:g},anna,ben" for frame in frames), "time_s,subject,target")
+    notes = [note for note in prepare(load_experiment("talk.toml")).experiment.notes if "own clock" in note.text]
+    assert len(notes) == is_noted
+    assert all(note.kind is NoteKind.DOUBT and f"subtract {begin_s:g}." in note.text for note in notes)
 
 
 def test_right_answers_score_everything_and_the_table_has_both(talk: Path) -> None:
