@@ -100,7 +100,8 @@ def view(
         recordings = [_compared(folder, clip, config, subject, compare)]
     if len(recordings) > MOST_OPENED:
         say(f"vfoa: the first {MOST_OPENED} of {len(recordings)} clips; --clip opens another one", err=True)
-    first, *others = recordings[:MOST_OPENED]
+    recordings = recordings[:MOST_OPENED]
+    first, *others = recordings
     if frame is not None:
         first.expect_frame(frame)
     if folder.is_file():
@@ -111,10 +112,10 @@ def view(
             viewer.screenshot(first, frame, screenshot)
     elif web:
         paths = [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)]
-        browse([first, *others], paths, more=_label_routes(folder))
+        browse(recordings, paths, more=_label_routes(folder))
     else:
         with ended_by_signals():
-            viewer.show([first, *others], frame)
+            viewer.show(recordings, frame)
 
 
 def _first_wrong(

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from harness.clips.camera import camera_notes, camera_problems
 from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest, unknown_categories
+from harness.clips.units import own_doubts
 from harness.files.folders import find, is_run_of_program
 from harness.files.io import read_text, write_together
 from harness.files.parsing import parse_toml, toml_key, toml_value
@@ -261,7 +262,7 @@ def add_clip(
         rig=None if frame is None else frame.rig,
         has_right=frame is not None and frame.right is not None,
         has_depth=frame is not None and frame.depth_m is not None,
-        notes=(*clip.notes, *(() if frame is None else _notes(frame, manifest))),
+        notes=(*clip.notes, *own_doubts(clip), *(() if frame is None else _notes(frame, manifest))),
         subjects=tuple(manifest.subjects),
         targets=tuple(manifest.targets),
         manifest=manifest_path,

@@ -265,10 +265,7 @@ def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
             name=manifest.name,
             frames=len(clip.frames),
             labels=scored_labels(labels, clip),
-            notes=(
-                *dict.fromkeys((*clip.notes, *clip_doubts(clip, clip.frames))),
-                *direction_notes(manifest, clip, labels),
-            ),
+            notes=(*clip.notes, *clip_doubts(clip, clip.frames), *direction_notes(manifest, clip, labels)),
             problems=(*measurement_problems(manifest, clip), *label_problems),
         )
     rig, has_right = frames[0].rig, any(frame.right is not None for frame in frames)

@@ -9,11 +9,13 @@ import numpy as np
 
 from harness.clips.axes import other_axes, other_forward
 from harness.clips.manifest import ClipManifest
-from harness.clips.units import MAX_DISTANCE_M
 from harness.labels.labels import RESERVED, Label, Labels
 from harness.sources import MeasuredClip, WornBodies
 from vfoa.errors import did_you_mean
 from vfoa.types import Float
+
+MAX_DISTANCE_M = 100.0
+"""A position further from the origin than this is probably in millimetres."""
 
 
 def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator[str]:

@@ -9,8 +9,6 @@ import numpy as np
 from harness.sources import AnyClip, DoubtedClip, MeasuredClip
 from vfoa.types import Scene
 
-MAX_DISTANCE_M = 100.0
-"""A position further from the origin than this is probably in millimetres."""
 USUAL_M = (0.05, 20.0)
 """Distances from eyes to what may be looked at: a median outside of it is probably in another unit, as centimetres."""
 LONGEST_STEP_S = 5.0
@@ -28,7 +26,7 @@ def step_doubts(clip: AnyClip) -> Iterator[str]:
 
 
 def own_doubts(clip: AnyClip) -> tuple[str, ...]:
-    """Those of the notes of a clip that question its values."""
+    """What a clip itself says that is in question about its values."""
     return clip.doubts if isinstance(clip, DoubtedClip) else ()
 
 

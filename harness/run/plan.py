@@ -16,7 +16,7 @@ from harness.clips.check_measured import nameless_subjects
 from harness.clips.families import clip_files
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.matching import first_middle_last, near_notes
-from harness.clips.units import clip_doubts, own_doubts
+from harness.clips.units import clip_doubts
 from harness.files.digests import code_digest, file_digest
 from harness.files.safe_names import vfoa_command
 from harness.labels.labels import Labels, timeline_of
@@ -382,16 +382,12 @@ def _default_fetch(plan: Plan) -> str | None:
 
 
 def _describe_clip(prepared: PreparedClip, experiment: Experiment) -> ClipOfRun:
-    doubts = own_doubts(prepared.clip)  # they are notes of the run already
     return ClipOfRun(
         name=prepared.manifest.name,
         manifest=str(prepared.manifest.path),
         licence=prepared.manifest.licence,
         citation=prepared.manifest.citation,
-        notes=[
-            *prepared.manifest.notes,
-            *(note for note in prepared.clip.notes if note not in doubts),
-        ],
+        notes=[*prepared.manifest.notes, *prepared.clip.notes],
         rate_hz=prepared.clip.rate_hz,
         frames=list(prepared.frames),
         times_ns=[prepared.clip.time_ns(number) for number in prepared.frames],

@@ -133,7 +133,7 @@ class DoubtedClip(Protocol):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Those of its notes that question its values; the tables of a run show them beside the rates."""
+        """What is in question about its values, beside its notes; the tables of a run show it with the rates."""
 
 
 @runtime_checkable

@@ -112,7 +112,6 @@ class MeasuredTables(FramesOfMeasurements):
             *_sparse_notes(people, seen, self.frames, _FEWEST_SEEN),
             *(_sparse_notes(objects, rows_of, self.frames, 1) if objects else ()),
         )
-        self.notes = self.doubts
 
     @classmethod
     def recognise(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:

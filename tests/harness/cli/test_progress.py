@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import pytest
 
@@ -17,13 +18,17 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return clock
 
 
+def _advance_twice_a_second(advance: Callable[[str], None], count: int, now: list[float]) -> None:
+    for _ in range(count):
+        now[0] += 0.5
+        advance("kitchen")
+
+
 def test_a_log_gets_a_line_a_minute_with_rate_and_time_left(
     now: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with terminal.frames_bar(600, "run") as advance:
-        for _ in range(600):
-            now[0] += 0.5
-            advance("kitchen")
+        _advance_twice_a_second(advance, 600, now)
     out, err = capsys.readouterr()
     assert out == ""
     lines = [tuple(map(float, re.findall(r"[0-9.]+", line))) for line in err.splitlines()]
@@ -36,9 +41,7 @@ def test_the_verdicts_of_recordings_are_counted_by_recording(
     now: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with terminal.verdicts_bar(600, "run") as advance:
-        for _ in range(200):
-            now[0] += 0.5
-            advance("kitchen")
+        _advance_twice_a_second(advance, 200, now)
     assert capsys.readouterr().err == "kitchen: 120 of 600 recordings, 2.0 recordings/s, about 4 min left\n"
 
 

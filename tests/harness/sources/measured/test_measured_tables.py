@@ -167,11 +167,11 @@ def test_claimed_errors_that_are_not_in_degrees_or_all_zero_are_noted(
     rows = [f"{frame},{frame},anna,0,0,1,0,0,1,{sigma}" for frame, sigma in enumerate(sigmas)]
     header = f"frame,time_ns,person,x_m,y_m,z_m,head_x,head_y,head_z,head_sigma_{unit}"
     (tmp_path / "people.csv").write_text("\n".join([header, *rows, ""]))
-    found = open_measured("measured", tmp_path).notes
+    found = open_measured("measured", tmp_path).doubts
     assert len(found) == len(said)
     assert all(f"people.csv: head_sigma_{unit}: {what}" in note for note, what in zip(found, said, strict=True))
     write_text(tmp_path / "people.csv", "\n".join([header, *rows]).replace("head", "gaze"))
-    assert open_measured("measured", tmp_path, gaze="truth").notes == ()  # it is no cue
+    assert open_measured("measured", tmp_path, gaze="truth").doubts == ()  # it is no cue
 
 
 @pytest.mark.parametrize(
@@ -193,7 +193,7 @@ def test_rows_in_single_frames_are_noted(tmp_path: Path, cup: str, ben: str, nam
     write_text(tmp_path / "people.csv", "\n".join(["frame,time_s,person,x_m,y_m,z_m", *people]))
     write_text(tmp_path / "objects.csv", "\n".join(["frame,object,x_m,y_m,z_m", *objects, ",lamp,0,1,2"]))
     clip = open_measured("measured", tmp_path, objects_file="objects.csv")
-    assert [note.split(": ")[1] for note in clip.notes] == names.split()
-    assert clip.doubts == clip.notes
+    assert [note.split(": ")[1] for note in clip.doubts] == names.split()
+    assert clip.doubts == clip.doubts
     others = open_measured("measured", tmp_path, objects_file="objects.csv", objects={"cup": {"center_m": [0, 0, 2]}})
-    assert not [note for note in others.notes if ": cup:" in note]
+    assert not [note for note in others.doubts if ": cup:" in note]
