@@ -49,7 +49,7 @@ from harness.pipeline.configuration import (
 from harness.run.fitted import FitRecord, FittedWeights, read_fitted
 from harness.run.grid import Variant, base_of, repeated, variants
 from harness.run.manifest import Published
-from harness.run.notes import Note, NoteKind, fitted_on_reported
+from harness.run.notes import Note, NoteKind
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, check_known, did_you_mean, located
 from vfoa.methods import DEFAULT_METHOD
@@ -195,7 +195,7 @@ def load_experiment(
         notes=(
             *map(Note, (*file.notes, *missing)),
             *partly,
-            *_fitted_notes(fitted, present, configurations),
+            *_unused_notes(fitted, configurations),
         ),
         annotator=file.annotator,
         published=file.published,
@@ -354,22 +354,12 @@ def _uses(fitted: FittedWeights, configurations: Sequence[Configuration]) -> boo
     return any(has_weights(configuration, fitted) for configuration in configurations)
 
 
-def _fitted_notes(
-    files: Mapping[Path, FittedWeights], clips: tuple[str, ...], configurations: Sequence[Configuration]
-) -> Iterator[Note]:
-    """Yield a note for each file of fitted settings: a warning if it was fitted on a clip that is reported.
-
-    Where each configuration chooses another method, or other weights, the note says that the file changes nothing.
-    """
+def _unused_notes(files: Mapping[Path, FittedWeights], configurations: Sequence[Configuration]) -> Iterator[Note]:
+    """Notes on files of fitted weights that change nothing: each configuration has another method, or other weights."""
+    methods = ", ".join(dict.fromkeys(each.attend.attention.method for each in configurations))
     for path, fitted in files.items():
-        fitted_on = fitted.fit.clips
         if not _uses(fitted, configurations):
-            methods = ", ".join(dict.fromkeys(each.attend.attention.method for each in configurations))
             yield Note(f"No configuration uses the weights of {path.name}: attention.method is set to {methods}.")
-        elif seen := [clip for clip in clips if clip in fitted_on]:
-            yield fitted_on_reported(f"the weights of {path.name}", seen)
-        else:
-            yield Note(f"Weights of {path.name}, fitted on clips of other names: {', '.join(fitted_on)}.")
 
 
 def has_weights(configuration: Configuration, fitted: FittedWeights) -> bool:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from harness.files.parsing import read_toml
+from harness.run.notes import Note, NoteKind, fitted_on_reported
 from vfoa import __version__
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings
@@ -81,6 +83,36 @@ def fitted_text(fitted: FittedWeights) -> str:
     document = {"fit": plain["fit"], "attention": {"method": "logit", "weights": weights}}
     head = "# Written by vfoa fit. Use it as a preset: vfoa run CLIP | EXPERIMENT --preset THIS_FILE\n"
     return head + tomlkit.dumps(document)
+
+
+def notes_on_fits(fits: Mapping[Path, FitRecord], digests: Mapping[str, str]) -> Iterator[Note]:
+    """Yield what readers of a table must know of the weights in it: a warning if they have seen what is reported.
+
+    Parameters
+    ----------
+    fits
+        The origins of the weights, by their files.
+    digests
+        Digests of the content of the reported clips, by name. A clip of the content that weights were fitted on is that
+        clip, whatever its name. One of its name and of other content is in question: it may be a changed copy. The name
+        decides where a file has no digests.
+    """
+    for file, fit in fits.items():
+        content = dict(zip_longest(fit.clips, fit.clips_sha256, fillvalue=""))
+        named = {digest: name for name, digest in content.items() if digest}
+        seen = [
+            clip if content.get(clip) in (digest, "") else f"{clip} (then {named[digest]})"
+            for clip, digest in digests.items()
+            if digest in named or content.get(clip) == ""
+        ]
+        alike = [clip for clip, digest in digests.items() if content.get(clip) and digest not in named]
+        if seen:
+            yield fitted_on_reported(f"the weights of {file.name}", seen)
+        if alike:
+            text = f"the weights of {file.name} were fitted on a clip of this name whose content differs: if this is a"
+            yield Note(f"{', '.join(alike)}: {text} changed copy of it, its rates are too good.", NoteKind.DOUBT)
+        if not seen and not alike:
+            yield Note(f"Weights of {file.name}, fitted on other clips: {', '.join(fit.clips)}.")
 
 
 def _check_version(table: Mapping[str, Any], path: Path) -> None:

@@ -27,9 +27,10 @@ from harness.pipeline.weights import locate_weights, missing_weights
 from harness.run.directory import Pair
 from harness.run.executors import Executor, cores
 from harness.run.experiment import Experiment, load_experiment
+from harness.run.fitted import notes_on_fits
 from harness.run.frame_sink import SinkFactory
 from harness.run.manifest import AnswerTraits, ClipOfRun, NamesOfClip, NoteOfRun, RunManifest
-from harness.run.notes import Note, NoteKind, fitted_on_reported
+from harness.run.notes import Note, NoteKind
 from harness.sources import Clip, FilmClip, MeasuredClip
 from vfoa.errors import VfoaError, located
 from vfoa.methods import MethodSettings
@@ -290,7 +291,8 @@ def describe(plan: Plan) -> RunManifest:
         plan.stages, _default_fetch(plan), where=plan.experiment.where
     )  # before a stage of a clip opens them
     of_sinks = {key: value for sink in plan.sinks for key, value in sink.described().items()}
-    notes = (*plan.experiment.notes, *_notes_on_renamed(plan))
+    digests = {prepared.manifest.name: prepared.digest for prepared in plan.clips} if plan.experiment.fits else {}
+    notes = (*plan.experiment.notes, *notes_on_fits(plan.experiment.fits, digests))
     return RunManifest(
         experiment=plan.experiment.name,
         notes=[NoteOfRun(text=note.text, kind=note.kind) for note in notes],
@@ -306,19 +308,6 @@ def describe(plan: Plan) -> RunManifest:
         source_sha256=code_digest(plan.deciding_modules),
         **{"recording": None, **of_sinks},
     )
-
-
-def _notes_on_renamed(plan: Plan) -> Iterator[Note]:
-    """Warn of weights that were fitted on a clip of the plan when it had another name, by the digest of its content."""
-    for file, fit in plan.experiment.fits.items():
-        names = dict(zip(fit.clips_sha256, fit.clips, strict=False))
-        found = [
-            f"{prepared.manifest.name} (then {names[prepared.digest]})"
-            for prepared in plan.clips
-            if prepared.manifest.name not in fit.clips and prepared.digest in names
-        ]
-        if found:
-            yield fitted_on_reported(f"the weights of {file.name}", found)
 
 
 def _labels_of_fits(plan: Plan) -> dict[str, str | None] | None:

@@ -23,9 +23,9 @@ from harness.report.experiment_run import run_plainly, run_whole
 from harness.run.directory import RunDirectory
 from harness.run.executors import Progress
 from harness.run.experiment import load_experiment
-from harness.run.fitted import fitted_text, read_fitted
+from harness.run.fitted import FitRecord, fitted_text, notes_on_fits, read_fitted
 from harness.run.notes import NoteKind
-from harness.run.plan import Fit
+from harness.run.plan import Fit, describe
 from harness.run.runner import executor, prepare, run_plan
 from harness.run.table_scenes import SceneFrame
 from harness.score.finished_run import read_scores
@@ -226,7 +226,7 @@ def test_a_clip_without_labels_gets_a_line_on_what_to_expect(
 
 
 def test_a_table_says_whether_it_reports_a_clip_that_was_fitted_on(fitted: Path) -> None:
-    (on_itself,) = load_experiment("talk.toml", preset=str(fitted)).notes
+    (on_itself,) = describe(prepare(load_experiment("talk.toml", preset=str(fitted)))).notes
     assert on_itself.kind is NoteKind.FITTED_ON_REPORTED
     assert on_itself.text == "FITTED ON WHAT IS REPORTED: the weights of fitted.toml were fitted on one, two."
 
@@ -250,6 +250,47 @@ def test_a_clip_that_was_fitted_on_is_told_by_its_content_after_it_was_renamed(
     assert re.fullmatch(
         r".*the weights of fitted\.toml were fitted on uno \(then (one|two)\)\.", warning
     )  # the same files
+
+
+def test_another_clip_of_a_name_that_was_fitted_on_is_in_question(
+    fitted: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Such as a colleague's, whose rates are right: the warning is left to a clip of the same content."""
+    monkeypatch.setenv("COLUMNS", "200")
+    for file in (Path("datasets", "one.toml"), Path("annotations", "one.csv")):
+        file.unlink()
+    add_clip(measured_tables(Path("colleague"), range(1, 32), STEP_NS), name="one")
+    write_text(Path("annotations", "one.csv"), true_labels(31))
+    command = ("run", "talk.toml", "--workers", "1", "--recording", "none", "--preset", str(fitted))
+    code, said, err = vfoa(monkeypatch, capsys, *command)
+    assert code == 0, err
+    (warning,) = (line for line in said.splitlines() if line.startswith("FITTED"))
+    assert warning.endswith("the weights of fitted.toml were fitted on two.")
+    (doubt,) = (line for line in said.splitlines() if line.startswith("one: the weights of fitted.toml"))
+    assert "content differs" in doubt
+
+
+@pytest.mark.parametrize(
+    ("digests", "clips", "expected"),
+    [
+        (("a", "b"), {"one": "a", "two": "b"}, [(NoteKind.FITTED_ON_REPORTED, "one, two")]),
+        (("a", "b"), {"two": "a"}, [(NoteKind.FITTED_ON_REPORTED, "two (then one)")]),
+        (("a", "b"), {"one": "c", "three": "d"}, [(NoteKind.DOUBT, "one: ")]),
+        (("a", "b"), {"one": "c", "two": "b"}, [(NoteKind.FITTED_ON_REPORTED, "on two."), (NoteKind.DOUBT, "one: ")]),
+        (("", "b"), {"one": "c", "three": ""}, [(NoteKind.FITTED_ON_REPORTED, "on one.")]),  # not known of one
+        ((), {"one": "c", "three": "d"}, [(NoteKind.FITTED_ON_REPORTED, "on one.")]),  # of an earlier version
+        (("a", "b"), {"three": "c"}, [(NoteKind.FACT, "one, two")]),
+    ],
+)
+def test_a_clip_is_the_one_fitted_on_if_its_content_is(
+    digests: tuple[str, ...], clips: Mapping[str, str], expected: list[tuple[NoteKind, str]]
+) -> None:
+    origin = {"experiment": "e", "configuration": "c", "people": 1, "labelled_s": 1, "version": "1"}
+    record = FitRecord.model_validate({**origin, "clips": ("one", "two"), "clips_sha256": digests})
+    found = [*notes_on_fits({Path("my.toml"): record}, clips)]
+    assert [note.kind for note in found] == [kind for kind, _ in expected]
+    for note, (_, words) in zip(found, expected, strict=True):
+        assert words in note.text
 
 
 def test_a_wrong_weight_is_named(fitted: Path) -> None:
@@ -686,7 +727,7 @@ def test_the_tutorial_shows_what_its_commands_print(
     shown = page.split("$ vfoa fit kitchen_p12 --first 20s\n")[1].split("```")[0]
     assert [line.rstrip() for line in said.strip().splitlines()] == shown.rstrip().splitlines()
     experiment = experiment_of(["kitchen_p12"], (), (), "kitchen_p12-fitted.toml")
-    assert [note.text for note in experiment.notes] == [
+    assert [note.text for note in describe(prepare(experiment)).notes] == [
         "FITTED ON WHAT IS REPORTED: the weights of kitchen_p12-fitted.toml were fitted on kitchen_p12."
     ]
     assert experiment.configurations[0].attend.attention.method == "logit"
