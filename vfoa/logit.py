@@ -38,7 +38,7 @@ from vfoa.logit_cues import (
     observe,
 )
 from vfoa.methods import MethodSettings, answer_of, revised
-from vfoa.posterior.belief import Belief, MeasuredCues, fit_of
+from vfoa.posterior.belief import MeasuredCues, fit_of
 from vfoa.posterior.cues import cue_shares
 from vfoa.posterior.filter import answered
 from vfoa.recent import Recent
@@ -237,7 +237,7 @@ class Logit:
                 after.append(before)
                 continue
             held, cues = found
-            seen, means = _observed(subject, scene, eyes, before.means, held.belief, cues)
+            seen, means = _observed(subject, scene, before.means, held, cues)
             weights = self._settings.of_case(seen.case, later=False)
             attentions.append(_attention(subject, seen, weights, scene.names))
             after.append(Remembered(means, held))
@@ -279,16 +279,17 @@ _RECENT: Recent[tuple[FrameFeatures, Means]] = Recent(16)
 
 
 def _observed(
-    subject: Subject, scene: Scene, eyes: Mapping[int, Float], means: Means, belief: Belief, cues: MeasuredCues
+    subject: Subject, scene: Scene, means: Means, held: HeldBelief, cues: MeasuredCues
 ) -> tuple[FrameFeatures, Means]:
-    """:func:`observe` with the posterior's belief of the same frame, which is that of its targets and directions."""
+    """:func:`observe` with what the posterior holds of the same frame: of its targets, faces and directions."""
+    belief = held.belief
 
     def compute() -> tuple[FrameFeatures, Means]:
         answer = answered(belief, belief.probabilities, _POSTERIOR.error)
         chance = dict(zip(belief.keys, answer.tolist(), strict=True))
         dt_s = seconds_between(means.time_ns, scene.time_ns)
         posterior = PosteriorAnswer(chance, cue_shares(cues, belief), fit_of(belief, cues))
-        return observe(subject, scene.targets, eyes, means, dt_s, posterior, scene.time_ns)
+        return observe(subject, scene.targets, held.sights.eyes, means, dt_s, posterior, scene.time_ns)
 
     claimed = None if subject.gaze is None else subject.gaze.sigma_rad
     asked = subject.person.instance_id, claimed, scene.time_ns

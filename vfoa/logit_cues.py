@@ -114,9 +114,9 @@ def observe(
 ) -> tuple[FrameFeatures, Means]:
     """Compute a subject's features in a frame, and the running means after it.
 
-    The subject has an eye origin and a measured direction. ``eyes`` are the eye origins of people by instance id:
-    people are looked at in the face. ``dt_s`` is the time since the frame of ``means``, seconds; ``time_ns`` is that of
-    this frame. ``posterior`` is the posterior's answer in it.
+    The subject has an eye origin and a measured direction. ``eyes`` are the eye origins of people by instance id, the
+    last known ones of heads that are missed: people are looked at in the face. ``dt_s`` is the time since the frame of
+    ``means``, seconds; ``time_ns`` is that of this frame. ``posterior`` is the posterior's answer in it.
     """
     origin, gaze, head = (
         np.asarray(subject.person.eye_origin_left),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -230,6 +231,22 @@ def test_a_face_has_its_own_size_whatever_the_box_of_its_body() -> None:
     assert cues_of(head / np.linalg.norm(head), slim, face) == pytest.approx(
         cues_of(head / np.linalg.norm(head), broad, face), nan_ok=True
     )
+
+
+def test_a_face_stays_where_it_was_while_its_head_is_missed() -> None:
+    """As for the posterior, whose answer is a cue."""
+    face, looker = np.array([0.0, 0.1, 2.0]), looking(LEFT, LEFT)
+    other = replace(looker, track_id=2, person=replace(looker.person, instance_id=7, eye_origin_left=face))
+    body = a_target(7, np.array([0.0, 0.8, 2.0]), (0.2, 0.8, 0.2))
+    found = {}
+    for is_missed in (False, True):
+        states = (Remembered(), Remembered())
+        for number, subjects in enumerate([(looker, other), (looker,) if is_missed else (looker, other)]):
+            people = tuple(subject.person for subject in subjects)
+            scene = Scene(index=number, time_ns=number * 100_000_000, targets=(body,), people=people)
+            answers, states = Logit(LogitSettings(method="logit")).attend(subjects, scene, states[: len(subjects)])
+        found[is_missed] = answers[0].belief.now
+    np.testing.assert_array_equal(found[True], found[False])
 
 
 def test_later_means_mirror_the_earlier_ones() -> None:
