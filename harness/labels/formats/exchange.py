@@ -36,6 +36,8 @@ MS = 1_000_000
 _SHOWN = 8
 SAME_RATE = 0.05
 """Most by which two rates of the same frames differ, as a share."""
+_SEEN = 0.5
+"""Frames by which labels must be off to be seen."""
 _LARGEST = 1e10
 """Largest offset and rate, seconds or frames per second: seconds since 1970 are below it."""
 
@@ -256,18 +258,33 @@ class Exchange:
         note = f"{where}: {numbers[first]} is read as frame {first} of the film, whose first one is 0"
         return frames, [f"{note}; ffmpeg calls its first picture 1, and counts those that it writes (-r, fps=)."]
 
-    def film_of(self, names: Sequence[str], where: object) -> str | None:
+    def film_of(self, names: Sequence[str], where: object, *, has_own_times: bool = False) -> str | None:
         """The film of a document that shows the clip, out of their paths or addresses; None if it has no film.
+
+        ``has_own_times``: each film has times of its own, so that an ``offset`` does not choose between them.
 
         Raises
         ------
         VfoaError
-            If there are several, and neither their names nor ``film`` tell.
+            If there are several, and neither their names nor ``film`` tell; or if when the clip begins in it is not
+            known: it is no film of the clip's, which begins within its own.
         """
+        film = self._chosen_film(names, where, has_own_times)
+        own, begin_s = next(iter(self.films.items()), ("", 0.0))
+        if film is None or self.offset is not None or abs(begin_s) * (self.rate_hz or 0) < _SEEN:
+            return film
+        if any(file_name(film).endswith(composed(name)) for name in self.films):
+            return film
+        raise VfoaError(
+            f"{where}: found the film {file_name(film)}; expected {own}, in which the clip begins at {begin_s:g} s, or "
+            f"--offset SECONDS: 0 of a film by `vfoa clips export`, {begin_s:g} of a copy of {own}"
+        )
+
+    def _chosen_film(self, names: Sequence[str], where: object, has_own_times: bool) -> str | None:
         if self.film is not None:
             check_known(composed(self.film), [file_name(name) for name in names], f"{where}: --film: no")
             return next(name for name in names if file_name(name) == composed(self.film))
-        if self.offset is not None or len(names) < 2:
+        if (self.offset is not None and not has_own_times) or len(names) < 2:
             return next(iter(names), None)
         own = (name for film in self.films for name in names if file_name(name) == composed(film))
         if (film := next(own, None)) is None:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -72,8 +72,7 @@ class Via(ReadOnly):
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read them. ``exchange.modifier`` is the attribute that names the targets, of segments with several."""
         entries, films = _read_entries(path)
-        # each film has times of its own: an offset does not choose between them, as it does in ELAN's documents
-        film = replace(exchange, offset=None).film_of(films, path)
+        film = exchange.film_of(films, path, has_own_times=True)
         shown = [entry for entry in entries if entry.film == film]
         segments = [entry for entry in shown if entry.is_segment]
         check_chosen(exchange.modifier, (segment.values for segment in segments), path)

@@ -197,6 +197,27 @@ def test_times_are_those_of_the_film_that_shows_the_clip(
     assert imported.labels.ranges == (row(first, first + 1, "bird"),)
 
 
+LATE = {"late.mkv": 1.48}
+"""A film in which the clip begins at 1.48 s."""
+
+
+@pytest.mark.parametrize(
+    ("film", "how", "first"),
+    [("left.mp4", {"offset": 0.0}, 51), ("left.mp4", {"offset": 1.48}, 14), ("c:/1f-late.mkv", {}, 14)],
+)
+def test_labels_of_a_film_that_is_not_the_clip_s_need_the_time_at_which_it_begins(
+    film: str, how: dict[str, float], first: int, tmp_path: Path
+) -> None:
+    """One by ``clips export`` begins with the clip, a copy of the clip's own film does not."""
+    path = _document(tmp_path / "a.eaf", ("girl", 2000, 2080, "bird"), films=[(film, None)])
+    clip = PlainClip(frames=range(1, 151))
+    assert Elan().read(path, exchange(clip, films=LATE, **how)).labels.ranges == (row(first, first + 1, "bird"),)
+    if how:
+        with pytest.raises(VfoaError, match=r"left\.mp4; expected late\.mkv.* 1\.48 s, or --offset"):
+            Elan().read(path, exchange(clip, films=LATE))
+        assert Elan().read(path, exchange(clip, films={"late.mkv": 0.01})).labels.ranges == (row(51, 52, "bird"),)
+
+
 def test_the_offset_of_a_film_is_told_and_a_choice_of_films_asked_for(tmp_path: Path) -> None:
     path = _document(tmp_path / "a.eaf", ("girl", 0, 80, "bird"), films=TALK)
     assert f"{path}: an offset of 2 s is added to its times." in Elan().read(path, exchange()).notes
