@@ -182,6 +182,72 @@ def test_rays_end_where_they_enter_the_first_box_and_missed_ones_with_their_cone
         np.testing.assert_allclose(ways[1] / lengths[:, None], directions[~hit][::2], atol=1e-5)
 
 
+def test_eyes_directions_and_cones_equal_the_attention(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    for shown in (frames[0], frames[1], frames[3]):
+        frame, (attention,) = shown.frame.index, shown.result.attentions
+        eyes = attention.subject.person.eye_origin_left
+        (origin,) = columns.at(entities.subject_3d(CONFIGURATION, ANN, "origin"), "Points3D:positions")[frame]
+        assert origin == pytest.approx(eyes)
+        boxes = [target.box for target in shown.result.scene.targets[1:] if target.box is not None]
+        reach_m = np.median([np.linalg.norm(box.center_m - eyes) for box in boxes])
+        for cue in ("gaze", "head"):
+            path = entities.subject_3d(CONFIGURATION, ANN, cue)
+            cones = [cone for cone in attention.cones if cone.cue == cue]
+            strips = columns.at(f"{path}/cones", "LineStrips3D:strips")[frame]
+            for strip, cone in zip(strips, cones, strict=True):
+                rim = np.array(strip)[8:] - eyes  # after four ribs of two points
+                np.testing.assert_allclose(np.linalg.norm(rim, axis=1), reach_m, rtol=1e-5)
+                np.testing.assert_allclose(rim @ cone.axis, reach_m * np.cos(cone.fov_rad / 2), rtol=1e-5)
+            arrows = [columns.at(f"{path}/direction", f"Arrows3D:{end}")[frame] for end in ("origins", "vectors")]
+            if (direction := attention.subject.direction(cue)) is None:
+                assert arrows == [[], []]
+            else:
+                assert arrows == [[pytest.approx(eyes)], [pytest.approx(0.25 * direction)]]
+
+
+def test_clouds_are_evenly_chosen_points_of_their_targets_and_small_ones_whole(frames, record_run, read_back):
+    shown = frames[0]
+    targets = tuple(
+        replace(target, points_left=target.points_left[:count])
+        for target, count in zip(shown.result.scene.targets, (400, 100, 2, 0), strict=True)
+    )
+    scene = replace(shown.result.scene, targets=targets)
+    columns = read_back(record_run([replace(shown, result=replace(shown.result, scene=scene))]))
+    for target in targets:
+        found = columns.at(entities.points(CONFIGURATION, target.instance.id), "Points3D:positions")
+        if not len(target.points_left):
+            assert not found
+            continue
+        (chosen,) = found.values()
+        rows = [target.points_left.tolist().index(point) for point in chosen]
+        assert (rows[0], rows[-1], len(rows)) == (0, len(target.points_left) - 1, min(len(target.points_left), 100))
+        assert set(np.diff(rows)) <= ({4, 5} if len(target.points_left) > 100 else {1})
+
+
+def test_the_image_has_the_box_of_each_target_with_its_name_attention_and_colour(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    shown = frames[0]
+    record, marks = shown.record, entities.image_marks(CONFIGURATION, "targets")
+    centers, half_sizes = (
+        np.array(columns.at(f"{marks}/box2d", f"Boxes2D:{name}")[10]) for name in ("centers", "half_sizes")
+    )
+    corners = np.hstack([centers - half_sizes, centers + half_sizes])
+    np.testing.assert_allclose(corners, [target.box_px for target in record.targets])
+    assert columns.at(f"{marks}/caption", "Points2D:positions")[10] == centers.tolist()
+    totals = {value.instance_id: value.total for value in record.subjects[0].attention}
+    assert totals[2] > 0
+    assert totals[4] > 0
+    captions = [ANN, f"red cup (2) {totals[2]:.2f}", "red cup (3)", f"book#4 {totals[4]:.2f}"]
+    assert columns.at(f"{marks}/caption", "Points2D:labels")[10] == captions
+    assert columns.at(f"{marks}/caption", "Points2D:labels")[13] == ["book#4"]
+    by_name = {info["label"]: info["color"] for info in _infos(columns)}
+    for what in ("box2d:Boxes2D", "caption:Points2D"):
+        entity, archetype = what.split(":")
+        found = columns.at(f"{marks}/{entity}", f"{archetype}:colors")[10]
+        assert found == [by_name[target.name] for target in record.targets]
+
+
 def test_a_head_has_its_box_in_the_image_and_an_answer_its_words_above_it(frames, record_run, read_back):
     columns = read_back(record_run(frames))
     head = entities.head_box(CONFIGURATION, ANN)
@@ -204,6 +270,10 @@ def test_verdicts_are_lanes_and_warnings(frames, record_run, read_back):
     warnings = columns.at(entities.log(CONFIGURATION), "TextLog:level")
     assert {frame for frame, level in warnings.items() if level == ["WARN"]} == wrong
     assert {11, 13} <= wrong
+    types = columns.at(entities.verdict(CONFIGURATION, ANN, "error_type"), "TextDocument:text")
+    assert {frame: found for frame, found in types.items() if found} == {
+        shown.frame.index: [verdict(shown).error_type] for shown in frames if shown.frame.index in wrong
+    }
 
 
 def test_states_that_are_no_target_are_grey(frames, record_run, read_back):
@@ -226,12 +296,15 @@ def test_a_name_keeps_its_class_when_instances_are_numbered_anew(frames, record_
     first = columns.at(entities.points(CONFIGURATION, 2), "Points3D:class_ids")[10]
     again = columns.at(entities.points(CONFIGURATION, 302), "Points3D:class_ids")[14]
     assert first == again
-    classes = {c["class_description"]["info"]["id"]: c["class_description"]["info"]["label"] for c in _classes(columns)}
-    assert classes[first[0]] == "red cup"
+    assert columns.at(entities.box(CONFIGURATION, 2), "Boxes3D:class_ids")[10] == first
+    assert columns.at(entities.box(CONFIGURATION, 2), "Boxes3D:labels")[10] == ["red cup (2)"]
+    assert {info["id"]: info["label"] for info in _infos(columns)}[first[0]] == "red cup"
 
 
-def _classes(columns):
-    return columns.static(entities.scene(CONFIGURATION), "AnnotationContext:context")[0]
+def _infos(columns):
+    """Id, name and colour of each class."""
+    classes = columns.static(entities.scene(CONFIGURATION), "AnnotationContext:context")[0]
+    return [each["class_description"]["info"] for each in classes]
 
 
 def test_frames_and_times_are_the_sources_own(frames, record_run, read_back):
