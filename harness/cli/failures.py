@@ -39,7 +39,7 @@ class Chosen:
     where: tuple[Condition, ...] = ()
 
 
-KEYS = "Enter or n: next, p: previous, w: the label is wrong, q: quit"
+KEYS = "Enter or n: next, p: previous, l: next look, a number: that one, w: the label is wrong, q: quit"
 
 
 def step_through(run: Path, chosen: Chosen) -> None:
@@ -63,6 +63,7 @@ def step_through(run: Path, chosen: Chosen) -> None:
             say(_nothing_to_show(scores, chosen))
             return
         shown = {each.files.clip: each.compose() for each in recordings}
+        looks = first_of_looks(wrong, scores)
         place, is_corrected = min(place, len(wrong) - 1), False
         with viewer.opened(instead="--failures --web has a link to each wrong frame, for any browser") as go_to:
             while place is not None and not is_corrected:
@@ -72,19 +73,29 @@ def step_through(run: Path, chosen: Chosen) -> None:
                 key = _key()
                 # the viewer would keep the old content of a corrected recording: it is opened again
                 is_corrected = key == "w" and _correct(run, at)
-                place = place if is_corrected else next_place(key, place, len(wrong))
+                place = place if is_corrected else next_place(key, place, len(wrong), looks)
 
 
 def _key() -> str:
     """The key that is pressed; ``q`` for Ctrl-C and Ctrl-D."""
+    key = _entered("", default="n", suffix="> ")
+    return "q" if key is None else key.lower()
+
+
+def _entered(text: str, *, default: str, suffix: str) -> str | None:
+    """What is entered; None for Ctrl-C and Ctrl-D."""
     try:
-        return str(typer.prompt("", default="n", show_default=False, prompt_suffix="> ")).strip().lower()
+        return str(typer.prompt(text, default=default, show_default=False, prompt_suffix=suffix)).strip()
     except typer.Abort:
-        return "q"
+        say()  # what follows is not in the line of the prompt
+        return None
 
 
-def next_place(key: str, place: int, count: int) -> int | None:
-    """The place, 0 to ``count`` - 1, that a key leads to; None ends. Both ends stay, and so does every other key."""
+def next_place(key: str, place: int, count: int, looks: Sequence[int] = ()) -> int | None:
+    """The place, 0 to ``count`` - 1, that a key leads to; None ends. Both ends stay, and so does every other key.
+
+    ``looks`` are the places in order that ``l`` goes to. A number counts places from 1.
+    """
     match key:
         case "q":
             return None
@@ -92,7 +103,32 @@ def next_place(key: str, place: int, count: int) -> int | None:
             return min(place + 1, count - 1)
         case "p":
             return max(place - 1, 0)
+        case "l":
+            return next((look for look in looks if look > place), place)
+        case number if number.isdecimal():
+            return min(max(int(number), 1), count) - 1
+        case "w":
+            return place
+    say(f"{key}: no such key. {KEYS}")
     return place
+
+
+def first_of_looks(wrong: Sequence[Verdict], scores: Scores) -> list[int]:
+    """The places of those wrong frames that are the first ones of a look: of frames with one true target."""
+    import numpy as np
+
+    from harness.score.judged_subjects import NO_PREDICTION
+
+    looks = {}
+    for each in scores.judged_subjects:
+        begins = (np.diff(each.truth, prepend=NO_PREDICTION) != 0) | (np.diff(each.positions, prepend=-2) > 1)
+        numbers = np.cumsum(begins).tolist()
+        looks[each.clip, each.configuration, each.subject] = dict(zip(each.frames.tolist(), numbers, strict=True))
+    first = dict[tuple[object, ...], int]()
+    for place, verdict in enumerate(wrong):
+        key = verdict.clip, verdict.configuration, verdict.subject
+        first.setdefault((*key, looks[key][verdict.frame]), place)
+    return [*first.values()]
 
 
 def describe(wrong: Sequence[Verdict], place: int) -> str:
@@ -116,14 +152,14 @@ def _correct(run: Path, wrong: Verdict) -> bool:
         look = look_around(directory, wrong.clip, wrong.subject, wrong.frame)
         names = ", ".join(choices(directory, wrong.clip, wrong.subject))
         say(f"Targets: {names}. Frames: {look.first}-{look.last}, the whole look; add FIRST-LAST for others.")
-        answer = typer.prompt("right target [FIRST-LAST], or Enter to go back", default="", show_default=False).strip()
+        answer = _entered("right target [FIRST-LAST], or Enter to go back", default="", suffix=": ")
         if not answer:
             return False
         target, first, last = _target_and_frames(answer, look.first, look.last)
         correction = Correction(clip=wrong.clip, subject=wrong.subject, target=target, first=first, last=last)
         say(f"{correct(directory, correction)}: {correction}. Tables, page and recordings are updated.")
-    except (VfoaError, typer.Abort) as error:
-        say(f"vfoa: {error or 'nothing was changed'}", err=True)
+    except VfoaError as error:
+        say(f"vfoa: {error}", err=True)
         return False
     return True
 

@@ -5,11 +5,20 @@ import io
 import json
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from harness.cli import main
-from harness.cli.failures import Chosen, browse_failures, describe, next_place, wrong_verdicts
+from harness.cli.failures import (
+    KEYS,
+    Chosen,
+    browse_failures,
+    describe,
+    first_of_looks,
+    next_place,
+    wrong_verdicts,
+)
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.directory import RunDirectory
 from harness.score.reference import Reference
@@ -78,10 +87,31 @@ def test_the_failures_of_a_configuration_are_those_of_all_its_seeds():
 
 @pytest.mark.parametrize(
     ("key", "place", "then"),
-    [("", 0, 1), ("n", 1, 2), ("n", 2, 2), ("p", 2, 1), ("p", 0, 0), ("x", 1, 1), ("w", 1, 1), ("q", 1, None)],
+    [
+        *[("", 0, 1), ("n", 1, 2), ("n", 2, 2), ("p", 2, 1), ("p", 0, 0), ("x", 1, 1), ("w", 1, 1), ("q", 1, None)],
+        *[("l", 0, 2), ("l", 1, 2), ("l", 2, 2), ("2", 0, 1), ("0", 2, 0), ("99", 0, 2), ("-1", 1, 1)],
+    ],
 )
 def test_keys_step_and_stop_at_both_ends(key: str, place: int, then: int | None) -> None:
-    assert next_place(key, place, 3) == then
+    assert next_place(key, place, 3, looks=[0, 2]) == then
+
+
+def test_the_first_wrong_frame_of_each_look_of_each_person_is_a_step_of_its_own():
+    """The boy looks at the bird all the time; the girl at the cup, at the bird, and after a gap at the bird again."""
+    rows = [("girl", 1, 3, "cup"), ("girl", 4, 5, "bird"), ("girl", 7, 8, "bird"), ("boy", 1, 8, "bird")]
+    things, right = [target_record(1, "cup"), target_record(2, "bird")], {"girl": (1, 7), "boy": (2,)}
+    given = Labels(LabelRange(first_frame=a, last_frame=b, subject=who, label=Label(target=t)) for who, a, b, t in rows)
+
+    def said(who: str, frame: int):
+        truth = next((t for name, a, b, t in rows if name == who and a <= frame <= b), "cup")
+        focus = {"cup": 1, "bird": 2}[truth] if frame in right[who] else None
+        return subject_record(who, totals={} if focus is None else {focus: 0.5}, focus=focus)
+
+    records = [frame_record(things, [said("girl", frame), said("boy", frame)], frame=frame) for frame in range(1, 9)]
+    scores = score(records, Reference(labels={"clip": given}))
+    wrong = wrong_verdicts(scores, Chosen())
+    found = [(wrong[place].subject, wrong[place].frame) for place in first_of_looks(wrong, scores)]
+    assert sorted(found) == [("boy", 1), ("girl", 2), ("girl", 4), ("girl", 8)]
 
 
 def test_a_failure_is_one_line_that_says_what_was_wrong():
@@ -178,6 +208,24 @@ def test_a_run_is_stepped_through_as_the_keys_say(step_through, capsys):
         "3/4",
         "2/4",
     ]
+
+
+def test_a_key_that_does_nothing_names_the_keys(step_through, capsys):
+    assert step_through("x\nq\n") == (0, [("b", 3, "two", "bob")] * 2)
+    assert capsys.readouterr().out.count(KEYS) == 2
+
+
+def test_an_interrupted_correction_goes_back_and_an_interrupted_key_quits(step_through, monkeypatch, capsys):
+    """The end of the input is to a prompt what Ctrl-C and Ctrl-D are."""
+    from harness.annotate import correction
+
+    monkeypatch.setattr(correction, "look_around", lambda *of_frame: SimpleNamespace(first=1, last=4))
+    monkeypatch.setattr(correction, "choices", lambda *of_subject: ["cup"])
+    assert step_through("w\n")[0] == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert printed.out.count("1/4") == 2
+    assert printed.out.endswith("\n")
 
 
 def test_only_the_failures_of_a_subject_are_stepped_through(step_through, capsys):
