@@ -6,6 +6,7 @@ pictures of MPEG have no time there, and it has no decoder of AV1.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -23,6 +24,9 @@ from vfoa.types import Image
 DECODING = {"max_pixels": str(MOST_PIXELS), "flags": "+unaligned"}
 """Options of every decoder of video: the size of pictures is limited (a packet of 100 kB can claim gigabytes), and they
 are cropped at the left as they say; FFmpeg keeps columns there by default, so that its rows in memory are aligned."""
+
+_END = re.compile(r"(\d{1,6}):(\d\d):(\d\d(?:\.\d{1,12})?)")
+"""The end of a stream, from 0 on, as FFmpeg notes it in Matroska, whose duration is that of the longest stream."""
 
 
 def open_film(path: Path) -> Any:
@@ -87,9 +91,22 @@ class Film:
 
     @property
     def stated_frames(self) -> int:
-        """The number of frames that the container states, or that fill its duration; 0 if neither is known."""
-        seconds = Fraction(self._container.duration or 0, 10**6)
-        return int(self._stream.frames or seconds * Fraction(self._stream.guessed_rate or 0) + Fraction(1, 2))
+        """The number of frames that the container states, or that fill their duration; 0 if neither is known."""
+        return int(self._stream.frames or self._stated_s * Fraction(self._stream.guessed_rate or 0) + Fraction(1, 2))
+
+    @property
+    def _stated_s(self) -> Fraction:
+        """How long the pictures last as the container says: they may begin after the sound, and end before it."""
+        tick_s = Fraction(self._stream.time_base)
+        if self._stream.duration:
+            return self._stream.duration * tick_s
+        begin_s, end_s = (self._stream.start_time or 0) * tick_s, Fraction(self._container.duration or 0, 10**6)
+        if tag := _END.fullmatch(self._stream.metadata.get("DURATION", "")):
+            hours, minutes, seconds = map(Fraction, tag.groups())
+            end_s = 3600 * hours + 60 * minutes + seconds
+        if "matroska" not in self._container.format.name:
+            begin_s -= Fraction(self._container.start_time or 0, 10**6)
+        return max(end_s - begin_s, Fraction(0))
 
     @property
     def pixel_aspect(self) -> Fraction:

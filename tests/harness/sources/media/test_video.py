@@ -196,6 +196,33 @@ def test_a_file_is_examined_once_until_it_changes(tmp_path: Path, monkeypatch: p
     assert Video(path).frames == range(5)
 
 
+@pytest.mark.parametrize("suffix", [".mkv", ".ts", ".mp4", ".mov"])
+@pytest.mark.parametrize(("begin_s", "sound_s"), [(0.52, 0.0), (0.52, 3.0), (0.0, 4.0)])
+def test_pictures_that_begin_after_the_sound_or_end_before_it_are_all_there(
+    suffix: str, begin_s: float, sound_s: float, tmp_path: Path
+) -> None:
+    """Programs that record a screen with its sound write such films."""
+    path = tmp_path / f"a{suffix}"
+    with av.open(str(path), "w") as file:
+        stream, tick_s = file.add_stream("mpeg4", rate=25), Fraction(1, 25)
+        stream.height, stream.width, stream.pix_fmt = *IMAGES[0].shape[:2], "yuv420p"
+        sound = file.add_stream("mp2", rate=32000) if sound_s else None
+        for place, image in enumerate(IMAGES):
+            picture = av.VideoFrame.from_ndarray(image, format="rgb24")
+            picture.time_base, picture.pts = tick_s, round(25 * begin_s) + place
+            file.mux(stream.encode(picture))
+        file.mux(stream.encode())
+        for at in range(0, round(32000 * sound_s), 1152):
+            silence = av.AudioFrame.from_ndarray(np.zeros((1, 1152), np.int16), format="s16", layout="mono")
+            silence.sample_rate, silence.pts = 32000, at
+            file.mux(sound.encode(silence))
+        if sound is not None:
+            file.mux(sound.encode())
+    video = Video(path)
+    assert len(video.frames) == COUNT
+    assert video.notes == ()
+
+
 @pytest.mark.parametrize(("name", "fourcc"), [("a.avi", "MJPG"), ("a.mkv", "FFV1")])
 def test_a_cut_file_has_the_frames_before_the_cut_and_says_so(tmp_path: Path, name: str, fourcc: str) -> None:
     path = write_video(tmp_path / name, IMAGES, fourcc)
