@@ -51,7 +51,7 @@ def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Read
     filled = [Reading(reading.adapter, _filled(reading.recognised, given)) for reading in fitting]
     distinct = [reading for place, reading in enumerate(filled) if reading not in filled[:place]]
     if len(distinct) != 1:
-        raise VfoaError(f"{path}: {_alternatives(fitting or complete)}{_each_folder(path, fitting or complete)}")
+        raise VfoaError(f"{path}: {_alternatives(fitting or complete)}{_each_of_its_own(path, fitting or complete)}")
     recognised = distinct[0].recognised
     if recognised.calibration is None:
         missing = "; ".join(recognised.incomplete) or (
@@ -101,16 +101,21 @@ def _has_settings(adapter: str, given: Mapping[str, Any]) -> bool:
 
 _TABLES = frozenset({".csv", ".tsv", ".txt", ".parquet", ".xlsx"})
 """Ends of the names of what trackers and eye trackers export."""
+_RECORDINGS = frozenset({".mcap", ".bag", ".db3", ".svo2", ".mkv"})
+"""Ends of the names of files that are clips by themselves."""
 _MOST_KINDS = 5
 """Most kinds of files that a message counts."""
 
 
 def _held(path: Path) -> str:
     """The files of a folder by the ends of their names, the commonest first: images of a format that is not read."""
-    kinds = Counter(Path(name).suffix or name for _, names in walk_files(path, None) for name in names)
+    files = [folder / name for folder, names in walk_files(path, None) for name in names]
+    kinds = Counter(file.suffix or file.name for file in files)
     commonest = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(_MOST_KINDS))
     images = ", ".join(sorted(IMAGE_SUFFIXES))
-    return f"; found files, {DEPTH} levels of folders deep: {commonest or 'none'} (images are {images})"
+    recording = next((file for file in files if file.suffix.lower() in _RECORDINGS), None)
+    hint = "" if recording is None else f"; a recording is added by its own path, such as {path / recording}"
+    return f"; found files, {DEPTH} levels of folders deep: {commonest or 'none'} (images are {images}){hint}"
 
 
 def _agrees(recognised: Recognised, given: Mapping[str, Any]) -> bool:
@@ -150,14 +155,22 @@ def _alternatives(readings: Sequence[Reading]) -> str:
     return f"it can be read in {len(readings)} ways; expected {' and '.join(choices)}"
 
 
-def _each_folder(path: Path, readings: Sequence[Reading]) -> str:
-    """How to add a clip of each folder, where every reading is in one of its own; empty otherwise."""
-    lefts = [Path(str(reading.recognised.source.get("left", ""))) for reading in readings]
-    folders = {left.parts[0] for left in lefts if len(left.parts) > 1}
-    if len(folders) != len(readings) or len(folders) < 2:
-        return ""
-    return f"; or a clip of each folder: {vfoa_command('clips', 'add', path)}/*/"
+def _each_of_its_own(path: Path, readings: Sequence[Reading]) -> str:
+    """How to add a clip of each folder, or of each film, if every reading is of one of its own; empty otherwise."""
+    sources = [reading.recognised.source for reading in readings]
+    first = [Path(str(next((source[key] for key in _FIRST_VIEW if key in source), ""))) for source in sources]
+    folders, films = {file.parts[0] for file in first if len(file.parts) > 1}, {file.name for file in first}
+    if len(folders) == len(readings) > 1:
+        return f"; or a clip of each folder: {vfoa_command('clips', 'add', path)}/*/"
+    is_film = all(str(source.get("layout")).startswith("video_") for source in sources)
+    suffixes = {Path(film).suffix for film in films}
+    if is_film and not folders and len(films) == len(readings) > 1 and len(suffixes) == 1:
+        return f"; or a clip of each film: {vfoa_command('clips', 'add', path)}/*{suffixes.pop()}"
+    return ""
 
+
+_FIRST_VIEW = ("left", "both", "colour")
+"""The settings that name the left view, by the kind of source."""
 
 _WHO = """
 # Who is there and what is looked at, in the segmentation's words (datasets/README.md):

@@ -91,7 +91,9 @@ def export_film(clip: Clip, path: Path, frames: Sequence[int], *, progress: Call
 
     check_new(path, replace=False)
     if (rate_hz := clip.rate_hz) is None:
-        raise VfoaError("the clip's frame rate is not known; expected rate_hz in its manifest, under [source]")
+        raise VfoaError(
+            f"{path}: the clip's frame rate is not known; expected rate_hz in its manifest, under [source], or a folder"
+        )
     height, width = _left(clip, frames[0]).shape[:2]
     with replacing(path) as draft, av.open(str(draft), "w", format="mp4") as film:
         stream = film.add_stream("libx264", rate=Fraction(rate_hz).limit_denominator(1001), options=_H264)

@@ -31,7 +31,7 @@ from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.listed_times import find_times
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
 from harness.sources.stereo_pairs import PACKINGS, PairFiles, StereoPairs, find_sides
-from vfoa.errors import VfoaError, counted
+from vfoa.errors import VfoaError, counted, listed
 from vfoa.types import Image
 from vfoa.validation import parse
 
@@ -314,14 +314,15 @@ def _refuse_unpaired(path: Path) -> None:
     is_film = path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES
     if films := [] if any(files) and not is_film else _packed_files(path, is_video=True):
         raise VfoaError(
-            f"{path}: no two views are seen in {films[0]}; expected --set layout=video_side_by_side (or "
+            f"{path}: no two views are seen in {listed(films, 4)}; expected --set layout=video_side_by_side (or "
             "video_top_bottom) where one film has both, or two films: --set left=LEFT.mp4 --set right=RIGHT.mp4 of "
             "their folder; of a film of one camera, OpenFace's table or a folder with people.csv is a clip by itself "
             "(docs/sources.md, Measurements without images)"
         )
     if images := [name for names in files for name in names]:
         raise VfoaError(
-            f"{path}: no two views are seen in the names of {len(images)} images ({images[0]} ...); expected --set "
+            f"{path}: no two views are seen in the names of {counted(len(images), 'image')} ({listed(images, 1)}); "
+            "expected --set "
             "left=FILES --set right=FILES (a folder, a file, a glob or a pattern such as left_%04d.png; in the "
             "manifest: left = and right = in [source]), or --set layout=images_side_by_side (or "
             "images_top_bottom) where one image has both, or --set colour=FILES --set depth=FILES of measured depth"

@@ -121,6 +121,25 @@ def test_a_folder_of_folders_says_how_each_is_added(tmp_path: Path) -> None:
     assert sorted(clip["name"] for clip in added) == ["p01", "p_2"]
 
 
+@pytest.mark.parametrize(
+    ("names", "of"),
+    [
+        (("p01/talk.mp4", "p 2/talk.mp4"), "folder: vfoa clips add {}/*/"),
+        (("a.mp4", "b.mp4"), "film: vfoa clips add {}/*.mp4"),
+    ],
+)
+def test_films_of_both_views_say_how_each_is_added(names: tuple[str, str], of: str, tmp_path: Path) -> None:
+    for name in names:
+        write_video(tmp_path / "data" / name, [np.hstack(views(number)) for number in range(5)])
+    assert refused(tmp_path / "data", *NUMBERS).endswith(f"; or a clip of each {of.format(tmp_path / 'data')}")
+
+
+def test_a_folder_of_folders_of_recordings_names_one_to_add(tmp_path: Path) -> None:
+    file, _ = (recording(tmp_path / "data" / person / "zed.mcap") for person in ("p01", "p02"))
+    assert f"such as {file};" in refused(tmp_path / "data")
+    assert vfoa("add", file)["adapter"] == "mcap"
+
+
 def test_the_film_of_one_camera_is_refused_with_what_is_a_clip_of_it(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     film = tmp_path / "talk.mp4"
