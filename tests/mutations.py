@@ -35,7 +35,7 @@ MUTATIONS = (
     # intervals and tests
     Mutation(
         "a baseline is beaten on looks that are not joined",
-        "harness/score/score.py",
+        "harness/score/rows.py",
         "sign_flip_p(gains.merged().values)",
         "sign_flip_p(gains.values)",
         "harness/score/test_score.py",
@@ -99,7 +99,7 @@ MUTATIONS = (
     # scoring
     Mutation(
         "the best baseline may have seen the labels",
-        "harness/score/score.py",
+        "harness/score/rows.py",
         "(name for name in BASELINES if name not in SEES_LABELS)",
         "(name for name in BASELINES)",
         "harness/score/test_score.py",

@@ -367,7 +367,7 @@ def plan(
     scores = read_scores(RunDirectory(run_folder(run)))
     planned = plan_pairs(scores, points / 100)
     say(plan_sentence(planned, points / 100))
-    ranked = sorted(scores.overall(), key=lambda row: -row.frr)
+    ranked = sorted(scores.rows.overall, key=lambda row: -row.frr)
     table = plan_table(_best_first(planned, [row.configuration for row in ranked]), points / 100)
     print_reports([first_rows(table, "pairs, the best configurations first")])
 

@@ -102,7 +102,7 @@ def _of_run(scores: Scores) -> dict[str, Rates]:
         row.configuration: Rates(
             row.metrics["log_loss"], errors.get(row.configuration, math.nan), row.metrics["balanced_frr"]
         )
-        for row in scores.overall()
+        for row in scores.rows.overall
     }
 
 
@@ -127,7 +127,7 @@ def write_benchmark(folder: Path, scores: Mapping[str, Scores], tables: tuple[Ta
     """
     atomic_write(folder / "benchmark.md", "\n".join(map(to_markdown, tables)))
     atomic_write(folder / "benchmark.csv", to_csv(tables[0]))
-    methods = {row.configuration for of_material in scores.values() for row in of_material.overall()}
+    methods = {row.configuration for of_material in scores.values() for row in of_material.rows.overall}
     facts = [f"{len(scores)} of {len(MATERIALS)} materials", f"{len(methods)} methods"]
     links = {MATERIALS[name].title: f"{name}/report.html" for name in scores}
     page = folder / "benchmark.html"
@@ -140,7 +140,7 @@ def write_benchmark(folder: Path, scores: Mapping[str, Scores], tables: tuple[Ta
 def _rows(title: str, scores: Scores) -> Iterator[tuple[object, ...]]:
     """The rows of a material: the best simple rule, then the methods."""
     errors = calibration_errors(scores.judged_subjects)
-    rows = scores.overall()
+    rows = scores.rows.overall
     for row in rows[:1]:
         rule = row.best_baseline
         rates = percent(row.baselines[rule]), UNKNOWN, percent(row.baselines_balanced[rule])

@@ -39,7 +39,8 @@ from harness.score.comparison import (
 )
 from harness.score.intervals import LEAST_CLIPS, Pairs, ScoredFrames, Units, pair
 from harness.score.oracle_ablation import steps, without_oracles
-from harness.score.score import ScoreRow, Scores
+from harness.score.rows import ScoreRow
+from harness.score.score import Scores
 from harness.score.statistics import NO_INTERVAL, SIGNIFICANCE, wilson_interval
 from vfoa.errors import counted
 
@@ -321,7 +322,7 @@ def published_table(scores: Scores) -> Table:
                 *(row.configuration, *_rate(count.correct, count.n), *_rate(row.correct, row.n)),
                 *(points(row.frr - count.correct / count.n), p_value(_fisher_p(count, row))),
             )
-            for row in scores.overall()
+            for row in scores.rows.overall
             if (count := counts.get(row.configuration))
         ),
         words=1,

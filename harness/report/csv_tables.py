@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from harness.report.formats import Table, csv_share
 from harness.score.baselines import BASELINES
 from harness.score.metrics import load_metrics
-from harness.score.score import ScoreRow, Scores
+from harness.score.rows import ScoreRow
+from harness.score.score import Scores
 from harness.score.verdicts import ERROR_TYPES
 from vfoa.errors import VfoaError
 from vfoa.scoring import ALL

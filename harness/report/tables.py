@@ -29,7 +29,8 @@ from harness.score.intervals import LEAST_CLIPS
 from harness.score.judged_subjects import JudgedSubject
 from harness.score.metrics import load_metrics
 from harness.score.oracle_ablation import without_oracles
-from harness.score.score import ScoreRow, Scores
+from harness.score.rows import ScoreRow
+from harness.score.score import Scores
 from harness.score.verdicts import ERROR_TYPES, SET_LEVEL
 from vfoa.errors import listed
 from vfoa.scoring import ALL, BINS, LEAST_PROBABILITY
@@ -132,7 +133,7 @@ def frr_table(scores: Scores) -> Table:
         "Focus recognition rate (FRR) by clip and configuration",
         "Clip | Configuration | n | Units | FRR % | 95 % | Balanced % | Targets % | Nowhere % | Log loss | Brier | "
         "Baseline % | Beaten | Coverage % | No hit % | FRR given answer % | Wilson",
-        scores.by_clip(),
+        scores.rows.by_clip,
         (*map(str, remarks(scores)), *FRR_NOTES),
     )
 
@@ -164,7 +165,7 @@ def terminal_table(scores: Scores) -> Table:
 
 
 def _short_table(scores: Scores) -> Table:
-    compared, rows = without_oracles(scores.scored_configurations), scores.by_clip()
+    compared, rows = without_oracles(scores.scored_configurations), scores.rows.by_clip
     losses = "" if all(math.isnan(row.metrics["log_loss"]) for row in rows) else " | Log loss"
     table = _rates(
         "Focus recognition rate (FRR) by clip and configuration",
@@ -206,7 +207,7 @@ def measures_table(scores: Scores) -> Table:
     titles = (*(metric.title for metric in metrics.values()), "Event recall", "Event precision", "Event F")
     rows = (
         (row.clip or ALL, row.configuration, *(number(value + 0.0, 2) for value in values))  # no minus before a zero
-        for row in scores.by_clip()
+        for row in scores.rows.by_clip
         for values in [(*(row.metrics[name] for name in metrics), *row.events.rates)]
     )
     note = (
@@ -225,7 +226,7 @@ def baselines_table(scores: Scores) -> Table:
     return _rates(
         "Baselines on the same frames, FRR %",
         " | ".join(["Clip | Configuration | FRR", *cells, "Best | Beaten"]),
-        scores.by_clip(),
+        scores.rows.by_clip,
         (
             "Commonest: always the commonest label of the other clips (one clip: none). Nearest: the box nearest to "
             "the eyes. "
@@ -253,7 +254,7 @@ def phases_table(scores: Scores) -> Table:
                 *(_words(row.best_baseline).lower(), percent(row.baselines[row.best_baseline])),
                 *(percent(row.baselines_balanced[row.best_baseline]), row.beats),
             )
-            for row in of_phase.rows
+            for row in of_phase.rows.overall
         ]
     return Table.of(
         "FRR by phase",
@@ -272,7 +273,7 @@ def seeds_table(scores: Scores) -> Table:
     return _rates(
         "Over seeds",
         "Clip | Configuration | Seeds | Mean FRR % | 95 % | SD over seeds | Lowest % | Highest %",
-        [row for row in scores.by_clip() if row.seed_rates],
+        [row for row in scores.rows.by_clip if row.seed_rates],
         (
             "Each configuration ran under several seeds of its simulated errors. Rates are means over them, and n "
             "counts all. 95 %: over seeds and clips (below 6 clips, looks); each clip has errors of its own under "
@@ -288,7 +289,7 @@ def nowhere_table(scores: Scores) -> Table:
         "Clip | Configuration | True | Said | Both | Precision % | Recall %",
         (
             (row.clip or ALL, row.configuration, *matches, percent(matches.precision), percent(matches.recall))
-            for row in scores.by_clip()
+            for row in scores.rows.by_clip
             if (matches := row.nowhere) and (matches.true or matches.predicted)
         ),
         words=2,
@@ -301,7 +302,7 @@ def visible_table(scores: Scores) -> Table:
     return _rates(
         "FRR with and without blocked lines of sight",
         "Clip | Configuration | n | Blocked | FRR % | FRR % without blocked | FRR % of blocked",
-        [row for row in scores.by_clip() if row.visible < row.n],
+        [row for row in scores.rows.by_clip if row.visible < row.n],
         (
             "Blocked: the label's note says that something stands between the eyes and the target. The label says "
             "where the subject's gaze was aimed, which is then not what the subject sees.",
@@ -311,7 +312,7 @@ def visible_table(scores: Scores) -> Table:
 
 def error_types_table(scores: Scores) -> Table:
     """Numbers of wrong frames by error type; error types that never occur are left out."""
-    rows = scores.by_clip()
+    rows = scores.rows.by_clip
     seen = [error_type for error_type in ERROR_TYPES if any(row.error_types[error_type] for row in rows)]
     return Table.of(
         "Error types",
@@ -353,13 +354,13 @@ def _answers_row(subject: JudgedSubject) -> tuple[str, ...]:
 def subjects_table(scores: Scores) -> Table:
     """FRR of every subject."""
     columns = "Clip | Subject | Configuration | n | Units | FRR % | 95 % | Coverage % | No hit %"
-    return _rates("FRR by subject", columns, scores.by_subject(), words=3)
+    return _rates("FRR by subject", columns, scores.rows.by_subject, words=3)
 
 
 def remarks(scores: Scores) -> list[Note]:
     """The run's own notes, and further ones: clips without labels, clips on which a baseline is as good."""
     asked = without_oracles(scores.scored_configurations)
-    by_clip = grouped((row.clip, row) for row in scores.by_clip() if row.configuration in asked)
+    by_clip = grouped((row.clip, row) for row in scores.rows.by_clip if row.configuration in asked)
     noted = {note.clip for note in scores.notes if note.kind == NoteKind.UNLABELLED}
     notes, as_good = list(scores.notes), list[tuple[str, str, float, float]]()
     for clip in scores.clips:

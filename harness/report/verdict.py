@@ -14,7 +14,8 @@ from harness.run.grid import base_of
 from harness.score.baselines import BASELINES, SEES_LABELS
 from harness.score.comparison import Comparison
 from harness.score.oracle_ablation import without_oracles
-from harness.score.score import ScoreRow, Scores
+from harness.score.rows import ScoreRow
+from harness.score.score import Scores
 from harness.score.verdicts import ERROR_TYPES
 from vfoa.errors import listed
 
@@ -50,7 +51,7 @@ def verdict_lines(scores: Scores) -> list[str]:
 def compared_rows(scores: Scores) -> list[ScoreRow]:
     """The row of each configuration over all clips, without the oracle ablation."""
     compared = without_oracles(scores.scored_configurations)
-    return [row for row in scores.overall() if row.configuration in compared]
+    return [row for row in scores.rows.overall if row.configuration in compared]
 
 
 def best_of(rows: Sequence[ScoreRow]) -> str:

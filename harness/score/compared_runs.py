@@ -14,7 +14,8 @@ from harness.run.manifest import differences_in_common
 from harness.score.comparison import Comparison, compare, compare_pairs
 from harness.score.finished_run import FinishedRun, read_scores
 from harness.score.oracle_ablation import without_oracles
-from harness.score.score import ScoreRow, Scores
+from harness.score.rows import ScoreRow
+from harness.score.score import Scores
 from harness.score.subset import Condition
 from harness.score.verdicts import Verdict
 from vfoa.errors import VfoaError
@@ -66,7 +67,7 @@ class ComparedRuns:
         rows = [
             RankedRow(name=_named(run, row.configuration), run=run, scores=row)
             for run, scores in self.scores.items()
-            for row in scores.overall()
+            for row in scores.rows.overall
             if _named(run, row.configuration) in self.places
         ]
         return sorted(rows, key=lambda row: -row.scores.frr)

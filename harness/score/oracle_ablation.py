@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from harness.clips.manifest import load_manifest
 from harness.run.notes import Note
 from harness.score.intervals import difference_interval, pair
-from harness.score.score import ScoreRow, Scores
+from harness.score.rows import ScoreRow
+from harness.score.score import Scores
 from harness.score.statistics import NO_INTERVAL, Interval
 from harness.sources import Truth
 from vfoa.errors import VfoaError
@@ -123,7 +124,7 @@ def without_oracles(configurations: Collection[str]) -> list[str]:
 
 def steps(scores: Scores) -> list[AblationStep]:
     """The ablations of a run, each beginning with its configuration; empty for a run without ablation."""
-    scored = {row.configuration: row for row in scores.overall()}
+    scored = {row.configuration: row for row in scores.rows.overall}
     ablation: list[AblationStep] = []
     for name, row in scored.items():
         before = _step_before(name, scored)

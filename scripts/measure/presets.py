@@ -115,7 +115,7 @@ def presets_table(runs: Mapping[str, RunDirectory]) -> Table:
 def _columns(material: Material, run: RunDirectory) -> dict[str, list[str]]:
     """The cells of one material by title, a cell for each of :data:`ROWS`."""
     scores = read_scores(run)
-    frr = {row.configuration: f"{100 * row.frr:.1f} of {row.n}" for row in scores.overall()}
+    frr = {row.configuration: f"{100 * row.frr:.1f} of {row.n}" for row in scores.rows.overall}
     carried = {name: f"{100 * share:.0f}" for name, share in _carried(RunResults(run.path)).items()}
     measured = {configuration: cells for _, configuration, *cells in stage_measures_table(scores).rows}  # all: last
     first, *_ = material.configurations.values()

@@ -106,7 +106,7 @@ def test_a_method_of_one_file_is_run_recorded_and_scored(tmp_path: Path, monkeyp
     assert manifest["methods"]["steady"] == {"probabilistic": False, "says_nowhere": False, "from_file": False}
     assert "my_method" in plan.deciding_modules
 
-    rates = {row.configuration: row.frr for row in rescore(directory).overall()}
+    rates = {row.configuration: row.frr for row in rescore(directory).rows.overall}
     late = 3  # frames until the new target has more than half of the shares: 0.8 ** 4 < 0.5
     assert rates == {"nearest": 1.0, "steady": 1 - late / FRAMES}
 

@@ -24,8 +24,8 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monke
     experiment = write_clip(tmp_path, frames)
     hours.run_experiment(experiment, tmp_path / "run")
     first = rescore(RunDirectory(tmp_path / "run"))
-    assert [row.configuration for row in first.by_clip()] == ["one-cone", "two-cones", "filtered", "nearest"]
-    assert all(row.n == frames and row.predicted > frames / 4 for row in first.by_clip())
+    assert [row.configuration for row in first.rows.by_clip] == ["one-cone", "two-cones", "filtered", "nearest"]
+    assert all(row.n == frames and row.predicted > frames / 4 for row in first.rows.by_clip)
     write_labels(tmp_path, frames, edited=frames)
     edited = rescore(RunDirectory(tmp_path / "run"))
     changed = [a.truth != b.truth for a, b in zip(first.verdicts, edited.verdicts, strict=True)]

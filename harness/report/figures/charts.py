@@ -21,7 +21,7 @@ from harness.report.page.data import ERROR_COLOURS, LETTERS
 from harness.run.fitted import FitRecord
 from harness.score.calibration import Reliability
 from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED
-from harness.score.score import ScoreRow
+from harness.score.rows import ScoreRow
 from harness.score.verdicts import ERROR_TYPES, Verdict, answered
 from vfoa.scoring import NO_HIT, NO_PREDICTION, OTHER
 

@@ -21,7 +21,8 @@ from harness.score.finished_run import FinishedRun, read_scores
 from harness.score.fit_logit import fit_logit
 from harness.score.labelled_run import read_labelled
 from harness.score.oracle_ablation import without_oracles
-from harness.score.score import ScoreRow, Scores
+from harness.score.rows import ScoreRow
+from harness.score.score import Scores
 from harness.score.verdicts import Verdict
 from vfoa.errors import VfoaError, listed
 
@@ -94,8 +95,8 @@ def figures_of(runs: Sequence[Path], wanted: Wanted | None = None) -> Figures:
     from harness.report.figures import charts
 
     shown = [_Shown.read(run, name) for run, name in zip(runs, _names(runs), strict=True)]
-    overall = [row for each in shown for row in each.rows(each.scores.overall())]
-    by_clip = [row for each in shown for row in each.rows(each.scores.by_clip()) if row[1].clip is not None]
+    overall = [row for each in shown for row in each.rows(each.scores.rows.overall)]
+    by_clip = [row for each in shown for row in each.rows(each.scores.rows.by_clip) if row[1].clip is not None]
     figures = Figures()
     figures.drawn["frr"] = lambda width: charts.forest(overall, width)
     figures.drawn["frr_by_clip"] = lambda width: charts.by_clip(by_clip, width)
@@ -204,7 +205,7 @@ def _failure(scores: Scores, recorded: set[Pair], wanted: Wanted) -> Verdict | N
     ]
     if not wrong:
         return None
-    rates = {row.configuration: row.frr for row in scores.overall()}
+    rates = {row.configuration: row.frr for row in scores.rows.overall}
     best = max(dict.fromkeys(v.configuration for v in wrong), key=lambda name: rates.get(base_of(name), 0.0))
     of_best = [verdict for verdict in wrong if verdict.configuration == best]
     ((commonest, _),) = Counter(verdict.error_type for verdict in of_best).most_common(1)

@@ -32,7 +32,8 @@ from harness.run.directory import Pair
 from harness.run.manifest import ClipOfRun
 from harness.score.judged_subjects import JudgedSubject
 from harness.score.oracle_ablation import without_oracles
-from harness.score.score import ScoreRow, Scores
+from harness.score.rows import ScoreRow
+from harness.score.score import Scores
 from harness.score.verdict_columns import SubjectVerdicts
 from harness.score.verdicts import ERROR_TYPES
 from vfoa.scoring import NO_HIT, NO_PREDICTION
@@ -149,7 +150,7 @@ def page_data(
             packs[f"pictures-{number}"] = pack_json(pictures)
         frames = {frame for judged in subjects.values() for frame in frames_of(judged).tolist()}
         clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames)})
-    rows = scores.by_clip()
+    rows = scores.rows.by_clip
     places = {clip: number for number, clip in enumerate(scores.clips)}
     packs["rows"] = pack_json([_row(row, places, scored) for row in rows if row.clip is not None])
     data = {
@@ -167,7 +168,7 @@ def page_data(
         if served is None and len(thumbnails.pictures) < thumbnails.wrong
         else None,
         "recordings": served and _recordings(served),
-        "overall": [_row(row, {}, scored) for row in scores.overall()],
+        "overall": [_row(row, {}, scored) for row in scores.rows.overall],
         "names": list(names),
     }
     return data, packs

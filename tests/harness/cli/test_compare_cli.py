@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from harness.cli import app
 from harness.score import compared_runs
 from harness.score.intervals import ScoredFrames
-from harness.score.score import ScoreRow
+from harness.score.rows import ScoreRows
 from tests.disk import labels_text
 from tests.records import answers, frame_record, subject_record, target_record, write_run
 from vfoa.errors import VfoaError
@@ -64,8 +64,9 @@ class _Scored:
     right: int
     scored_configurations: tuple[str, ...] = ("bm-one", "bm-two", "sgbm-one", "sgbm-two")
 
-    def overall(self) -> list[ScoreRow]:
-        return []
+    @property
+    def rows(self) -> ScoreRows:
+        return ScoreRows(())
 
     def frames_of(self, configuration: str) -> list[ScoredFrames]:
         return [

@@ -47,7 +47,7 @@ def test_a_name_is_the_same_in_either_form(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     _talk(tmp_path, apart)
     scores = rescore(run_plainly(load_experiment("talk.toml"), tmp_path / "run", cache=None))
-    assert {(row.configuration, row.n, row.correct) for row in scores.overall()} == {
+    assert {(row.configuration, row.n, row.correct) for row in scores.rows.overall} == {
         ("cones", 24, 24),
         ("theirs", 24, 24),
     }

@@ -24,6 +24,7 @@ from harness.report.write import run_tables
 from harness.score.baselines import BASELINES
 from harness.score.comparison import Comparison, compare_pairs
 from harness.score.reference import Reference
+from harness.score.rows import ScoreRows
 from harness.score.score import Scores
 from harness.score.verdicts import ERROR_TYPES
 from tests.records import answers, frame_record, labels, score, subject_record, target_record
@@ -94,13 +95,19 @@ def test_what_to_try_next_is_told_by_the_errors_of_the_best_configuration() -> N
     assert [line for line in verdict_lines(scores) if "no_hit" in line] == []
 
 
+def _with_rows(scores: Scores, **changes: Any) -> Scores:
+    """The scores with some values of their rows over all clips changed."""
+    rows = ScoreRows(scores.judged_subjects)
+    rows.overall = tuple(replace(row, **changes) for row in scores.rows.overall)
+    return replace(scores, rows=rows)
+
+
 @pytest.mark.parametrize(("nearest", "said"), [(0.0, "The simple rules are right in none"), (0.4, "commonest label")])
 def test_rules_are_right_in_none_of_the_frames_only_if_each_is(nearest: float, said: str) -> None:
     """Among some of the frames, the rule that is best on all of them may be right in none."""
     scores = _scores({"default": 0.5}, truth=TRUTH[:120])
     rates = {**dict.fromkeys(BASELINES, 0.0), "nearest": nearest, "constant": 1.0}
-    rows = [replace(row, baselines=rates, best_baseline="commonest") for row in scores.rows]
-    assert said in verdict_lines(replace(scores, rows=tuple(rows)))[1]
+    assert said in verdict_lines(_with_rows(scores, baselines=rates, best_baseline="commonest"))[1]
 
 
 @pytest.mark.parametrize(("of_labels", "is_said"), [(0.857, True), (0.5, True), (0.499, False)])
@@ -112,8 +119,7 @@ def test_a_constant_answer_that_is_as_good_is_told_beside_the_rule_that_is_beate
     scores = _scores({"default": 0.5}, truth=TRUTH[:120])
     rates = {**dict.fromkeys(BASELINES, 0.0), rule: 0.122, "constant": of_labels}
     for beats in ("yes", "not shown", "no"):
-        rows = [replace(row, baselines=rates, best_baseline=rule, beats=beats) for row in scores.rows]
-        line = verdict_lines(replace(scores, rows=tuple(rows)))[1]
+        line = verdict_lines(_with_rows(scores, baselines=rates, best_baseline=rule, beats=beats))[1]
         assert "12.2 %" in line
         assert (f"{100 * of_labels:.1f} %" in line) == is_said
 

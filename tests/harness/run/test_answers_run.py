@@ -26,7 +26,8 @@ from harness.run.notes import NoteKind
 from harness.run.runner import prepare, run_plan
 from harness.run.table_records import read_records
 from harness.score.calibration import reliabilities
-from harness.score.score import ScoreRow, Scores
+from harness.score.rows import ScoreRow
+from harness.score.score import Scores
 from harness.sources import Clip, MeasuredClip
 from tests.disk import labels_text, write_text
 from tests.experiments import BLOCKS, experiment_of
@@ -94,12 +95,12 @@ def _run(folder: Path) -> tuple[RunDirectory, Scores]:
 
 
 def _row(scores: Scores, configuration: str = "theirs") -> ScoreRow:
-    return next(row for row in scores.overall() if row.configuration == configuration)
+    return next(row for row in scores.rows.overall if row.configuration == configuration)
 
 
 def _counts(scores: Scores) -> list[tuple[str, int, int]]:
     """Each configuration with its scored and its correct frames."""
-    return [(row.configuration, row.n, row.correct) for row in scores.overall()]
+    return [(row.configuration, row.n, row.correct) for row in scores.rows.overall]
 
 
 def _errors(row: ScoreRow) -> dict[str, int]:

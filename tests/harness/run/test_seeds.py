@@ -75,8 +75,8 @@ def test_rows_are_means_over_seeds_and_looks_are_counted_once() -> None:
     }
     records = [r for name, each in said.items() for r in answers(each, configuration=name)]
     scores = score(records, Reference(labels={"clip": labels(*truth)}))
-    assert [row.configuration for row in scores.by_clip()] == ["good", "poor"]
-    good, poor = scores.by_clip()
+    assert [row.configuration for row in scores.rows.by_clip] == ["good", "poor"]
+    good, poor = scores.rows.by_clip
     rates = [np.mean([a == b for a, b in zip(said[f"good.seed{seed}"], truth, strict=True)]) for seed in (1, 2, 3)]
     assert good.seed_rates == pytest.approx(rates)
     assert good.frr == pytest.approx(np.mean(rates))

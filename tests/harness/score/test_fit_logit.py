@@ -160,7 +160,7 @@ def test_a_system_that_leaves_frames_out_has_the_log_loss_that_it_has_in_the_run
     answers = (f"{frame},{name},robot,0.6" for frame in range(1, 31) if frame % 5 for name in ("anna", "ben"))
     write_text(Path("theirs.csv"), "\n".join(["frame,subject,target,p_robot", *answers, ""]))
     directory = _plain_run(tmp_path)
-    (expected,) = (row for row in read_scores(directory).overall() if row.configuration == "theirs")
+    (expected,) = (row for row in read_scores(directory).rows.overall if row.configuration == "theirs")
     (found,) = (each for each in fit_logit(read_labelled(directory)).fit.held_out if each.method == "theirs")
     assert (found.n, found.frr) == (expected.n, pytest.approx(expected.frr, abs=1e-4))
     assert found.log_loss == pytest.approx(expected.metrics["log_loss"], abs=1e-4)

@@ -16,7 +16,8 @@ from harness.score.judged_subjects import JudgedSubject
 from harness.score.looks import correlation_time_s, number_looks
 from harness.score.metrics import LEAST_PROBABILITY
 from harness.score.reference import Reference
-from harness.score.score import ScoreRow, Scores, _beats
+from harness.score.rows import ScoreRow, _beats
+from harness.score.score import Scores
 from harness.score.statistics import sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES
 from tests.records import answers, frame_record, labels, score, subject_record, target_record
@@ -72,12 +73,12 @@ def test_pooling_takes_all_pairs_together() -> None:
     records = [*answers(["cup"] * 3, clip="long"), *answers(["can"], clip="short")]
     scores = score(records, Reference(labels={"long": labels("cup", "cup", "cup"), "short": labels("cup")}))
     assert _row(scores, clip=None).frr == 3 / 4
-    assert [row.clip for row in scores.by_clip()] == ["long", "short", None]
+    assert [row.clip for row in scores.rows.by_clip] == ["long", "short", None]
 
 
 def test_one_clip_is_not_pooled_and_one_without_labels_has_no_rows() -> None:
     scores = score([*answers(["cup"]), *answers(["cup"], clip="free")], Reference(labels={"clip": labels("cup")}))
-    assert [row.clip for row in scores.by_clip()] == ["clip"]
+    assert [row.clip for row in scores.rows.by_clip] == ["clip"]
     assert scores.clips == ("clip", "free")
     assert {verdict.outcome for verdict in scores.verdicts if verdict.clip == "free"} == {"unscored"}
 
@@ -86,7 +87,7 @@ def test_clips_and_configurations_keep_the_order_of_the_results() -> None:
     records = [r for clip in "zy" for name in ("sgbm", "bm") for r in answers(["cup"], clip=clip, configuration=name)]
     scores = score(records, Reference(labels={"z": labels("cup"), "y": labels("cup")}))
     assert (scores.clips, scores.configurations) == (("z", "y"), ("sgbm", "bm"))
-    assert [(row.clip, row.configuration) for row in scores.by_clip()][:4] == [
+    assert [(row.clip, row.configuration) for row in scores.rows.by_clip][:4] == [
         ("z", "sgbm"),
         ("z", "bm"),
         ("y", "sgbm"),
@@ -97,7 +98,9 @@ def test_clips_and_configurations_keep_the_order_of_the_results() -> None:
 def test_the_order_of_frames_in_the_file_does_not_matter() -> None:
     records = answers(["cup", "can", None, "cup", "none"])
     truth = {"clip": labels("cup", "cup", "cup", "can", "none")}
-    assert score(records[::-1], Reference(labels=truth)) == score(records, Reference(labels=truth))
+    backwards, forwards = (score(each, Reference(labels=truth)) for each in (records[::-1], records))
+    assert backwards == forwards
+    assert [*backwards.rows] == [*forwards.rows]
 
 
 def test_agreement_is_that_of_scikit_learn_on_the_names() -> None:
@@ -353,7 +356,7 @@ def test_a_phase_that_one_clip_alone_has_is_that_clips() -> None:
         [*answers(["cup", "cup"], clip="one"), *answers(["cup"], clip="two")],
         Reference(labels={"one": labels("cup", "can"), "two": labels("cup")}, phases={"one": {1: "search"}}),
     )
-    assert [(row.clip, row.n, row.correct) for row in scores.phases["search"].rows] == [("one", 2, 1)]
+    assert [(row.clip, row.n, row.correct) for row in scores.phases["search"].rows.overall] == [("one", 2, 1)]
 
 
 def test_a_configuration_that_a_baseline_beats_is_marked() -> None:
@@ -368,7 +371,8 @@ def test_a_configuration_that_a_baseline_beats_is_marked() -> None:
 
 
 def test_no_records_have_no_scores() -> None:
-    assert score([], Reference(labels={})) == Scores(clips=(), configurations=(), rows=())
+    scores = score([], Reference(labels={}))
+    assert (scores.clips, scores.configurations, [*scores.rows], bool(scores.rows)) == ((), (), [], False)
 
 
 @pytest.mark.parametrize(("correct", "frr"), [(28, 0.56), (35, 0.70), (31, 0.62), (38, 0.76)])
@@ -402,7 +406,7 @@ def test_verdicts_are_by_clip_then_configuration_then_subject_then_frame() -> No
     found = [(verdict.clip, verdict.configuration, verdict.subject, verdict.frame) for verdict in scores.verdicts]
     looks = [("boy", 1), ("girl", 1), ("girl", 2)]
     assert found == [(clip, name, *look) for clip in "zy" for name in ("sgbm", "bm") for look in looks]
-    assert [row.subject for row in scores.by_subject()] == ["boy", "boy", "girl", "girl"] * 2
+    assert [row.subject for row in scores.rows.by_subject] == ["boy", "boy", "girl", "girl"] * 2
 
 
 def test_no_rule_is_right_in_a_frame_of_which_there_is_no_record() -> None:
@@ -414,12 +418,12 @@ def test_no_rule_is_right_in_a_frame_of_which_there_is_no_record() -> None:
 def test_always_none_has_the_frr_of_nowhere_and_half_the_balanced_one() -> None:
     truth = labels("none", "none", "none", "bird")
     reference = Reference(labels={"clip": truth}, traits={"one": AnswerTraits(says_nowhere=True)})
-    row = score(answers(["none"] * 4), reference).by_clip()[0]
+    row = score(answers(["none"] * 4), reference).rows.by_clip[0]
     assert (row.frr, row.metrics["balanced_frr"]) == (0.75, 0.5)
     assert (row.metrics["recall_targets"], row.metrics["recall_nowhere"]) == (0.0, 1.0)
     assert math.isnan(row.metrics["log_loss"])
     assert math.isnan(row.metrics["brier"])
-    (alone,) = score(answers(["bird"]), Reference(labels={"clip": labels("bird")})).by_clip()
+    (alone,) = score(answers(["bird"]), Reference(labels={"clip": labels("bird")})).rows.by_clip
     assert alone.metrics["balanced_frr"] == 1.0
     assert math.isnan(alone.metrics["recall_nowhere"])
 
@@ -435,9 +439,8 @@ def test_losses_are_those_of_scikit_learn_and_no_answer_is_the_worst() -> None:
         for frame, totals in enumerate(shown, start=1)
     ]
     truth = labels("bird", "none", "cup", "bird")
-    row = score(records, Reference(labels={"clip": truth}, traits={"one": AnswerTraits(probabilistic=True)})).by_clip()[
-        0
-    ]
+    reference = Reference(labels={"clip": truth}, traits={"one": AnswerTraits(probabilistic=True)})
+    (row,) = score(records, reference).rows.by_clip
     of_first_two = 2 * log_loss([0, 2], [[0.5, 0.3, 0.2], [0.0, 0.25, 0.75]], labels=[0, 1, 2])
     assert row.metrics["log_loss"] == pytest.approx((of_first_two - 2 * math.log(LEAST_PROBABILITY)) / 4)
     assert row.metrics["brier"] == pytest.approx((0.25 + 0.09 + 0.04 + 0.0625 + 0.0625 + 1 + 1 + 0.0625 + 0.5625) / 4)
@@ -456,6 +459,6 @@ def test_no_interval_or_test_depends_on_the_order_of_the_clips(clips: int) -> No
     found = []
     for order in ([*records], [*records][::-1]):
         scores = score([record for pair in order for record in records[pair]], reference)
-        rates = {row.configuration: row.interval for row in scores.overall()}
+        rates = {row.configuration: row.interval for row in scores.rows.overall}
         found.append((rates, compare({name: scores.frames_of(name) for name in ("one", "two")})))
     assert found[0] == found[1]

@@ -71,7 +71,7 @@ def test_only_frames_that_meet_all_conditions_are_scored(run: Path, conditions: 
         if verdict.outcome != "unscored":
             scored[verdict.clip, verdict.configuration].append(verdict.frame)
     assert scored == dict.fromkeys([("a", "one"), ("a", "two"), ("b", "one"), ("b", "two")], frames)
-    for row in scores.overall():
+    for row in scores.rows.overall:
         within = [SAID[row.configuration][frame - 1] == TRUTH[frame - 1] for frame in frames]
         assert (row.n, row.correct) == (2 * len(frames), 2 * sum(within))
 
@@ -81,7 +81,7 @@ def test_a_condition_on_the_target_tells_no_baseline_the_answer(run: Path) -> No
 
     def right_frames(*conditions: str) -> dict[str, float]:
         scores = read_scores(RunDirectory(run), [Condition.parse(text) for text in conditions])
-        row = scores.overall()[0]
+        row = scores.rows.overall[0]
         return {name: rate * row.n for name, rate in row.baselines.items()}
 
     parts = [right_frames(f"target={target}") for target in ("cup", "book", "none")]
@@ -97,7 +97,7 @@ def test_the_best_baseline_is_that_of_all_labelled_frames(tmp_path: Path) -> Non
     for where in ([], [Condition.parse("target=book")]):
         scores = read_scores(directory, where)
         assert {row.best_baseline for row in scores.rows} == {"commonest"}
-    (row,) = scores.overall()
+    (row,) = scores.rows.overall
     assert (row.frr, row.baselines["nearest"], row.baselines["commonest"], row.beats) == (1, 1, 0, "not shown")
 
 
