@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -23,6 +23,8 @@ _DATES = tuple(
     )
 )
 _RUN = re.compile(r"\d+")
+_CLOCK_DIGITS = (3, 6, 9)
+"""Numbers of decimals of a time in ms, us or ns."""
 
 
 class Dates(NamedTuple):
@@ -36,11 +38,12 @@ class Dates(NamedTuple):
 
 
 def find_dates(names: Sequence[str]) -> Dates | None:
-    """The dates with times of day in names; None if one has none, or all have the same second.
+    """The dates with times of day in names; None if one has none, or all have the same one.
 
     A number after the second is its decimals, unless it is an index, which grows from each second to the next, or one
-    that counts the images of each second, as Motion's (``20230501123045-00``): these are then evenly apart in it. Of
-    several readings (a day and a month may be exchanged) the one counts with which the names are least apart.
+    that counts the images of each second, as Motion's (``20230501123045-00``): these are then evenly apart in it.
+    Beside one second alone, it is its ms, us or ns, unless it counts by one. Of several readings (a day and a month may
+    be exchanged) the one counts with which the names are least apart.
     """
     readings = [dates for pattern in _DATES if (dates := _dates(names, pattern)) is not None]
     return min(readings, key=lambda dates: _seconds(max(dates.times)) - _seconds(min(dates.times)), default=None)
@@ -54,9 +57,12 @@ def _dates(names: Sequence[str], pattern: re.Pattern[str]) -> Dates | None:
     found = [match for match in map(pattern.search, names) if match]
     seconds = [second for match in found if (second := _second_of(match)) is not None]
     decimals = [match["decimals"] or "" for match in found]
-    if len(seconds) < len(names) or len(set(seconds)) == 1 or len(set(map(len, decimals))) > 1:
+    if len(seconds) < len(names) or len(set(map(len, decimals))) > 1:
         return None
-    if decimals[0]:
+    if len(set(seconds)) == 1:
+        if len(decimals[0]) not in _CLOCK_DIGITS or counts_by_one(decimals):
+            return None
+    elif decimals[0]:
         numbers = [*map(int, decimals)]
         numbered = sorted(zip(seconds, numbers, strict=True))
         if found[0]["mark"] and _is_index(numbered):
@@ -71,6 +77,11 @@ def _dates(names: Sequence[str], pattern: re.Pattern[str]) -> Dates | None:
     width = max(3, math.ceil(len(decimals[0]) / 3) * 3)
     times = [int(f"{second}{digits.ljust(width, '0')}") for second, digits in zip(seconds, decimals, strict=True)]
     return Dates(times, range(*runs.pop()))
+
+
+def counts_by_one(digits: Iterable[str]) -> bool:
+    """Whether numbers are those of frames in turn, some of which may be lost."""
+    return float(np.median(np.diff(sorted(map(int, digits))))) <= 1
 
 
 def _second_of(match: re.Match[str]) -> int | None:

@@ -18,7 +18,7 @@ import numpy as np
 from harness.files.ascending import place_in
 from harness.files.groups import grouped
 from harness.sources.media import yarp
-from harness.sources.media.dated_names import find_dates
+from harness.sources.media.dated_names import counts_by_one, find_dates
 from vfoa.errors import VfoaError
 
 Value = TypeVar("Value")
@@ -175,14 +175,14 @@ def _with_decimals(
     """The numbers that differ between names such as this one; seconds with decimals become ms, us or ns, and ms ns.
 
     Such are ``1718000000.123456``, ``1718000000_123456789`` and ``1718000000123.45678``, also where all have the same
-    decimals, and ``12.300000`` of a simulation, if these are not an index. Those of several lengths stay apart: it is
-    not known what they count.
+    decimals or the same seconds, and ``12.300000`` of a simulation, if these are not an index. Those of several lengths
+    stay apart: it is not known what they count.
     """
     spans = [match.span() for match in DIGITS.finditer(name)]
 
     def has_decimals(place: int) -> bool:
-        after = columns[place + 1] if place + 1 < len(columns) else ()
-        if len({*map(len, after)}) != 1:
+        after = columns[place + 1]
+        if len({*map(len, after)}) != 1 or (place not in varying and counts_by_one(after)):
             return False
         digits, between = len(after[0]), name[spans[place][1] : spans[place + 1][0]]
         if all(map(_MILLISECONDS.fullmatch, columns[place])):
@@ -197,11 +197,13 @@ def _with_decimals(
         both = zip(columns[place], columns[place + 1], strict=True)
         return [whole + decimals[:width].ljust(width, "0") for whole, decimals in both]
 
-    seconds = {place for place in varying if has_decimals(place)}
+    pairs = (place for place in range(len(columns) - 1) if {place, place + 1} & varying.keys())
+    seconds = {place for place in pairs if has_decimals(place)}
+    decimals = {place + 1 for place in seconds}
     return [
         with_decimals(place) if place in seconds else column
-        for place, column in varying.items()
-        if place - 1 not in seconds
+        for place, column in enumerate(columns)
+        if place not in decimals and place in seconds | varying.keys()
     ]
 
 

@@ -147,6 +147,35 @@ def test_seconds_and_their_decimals_are_one_number(pattern: str) -> None:
     assert list(number_names(names, "left").values()) == names
 
 
+@pytest.mark.parametrize(("second", "digits"), [(12, 6), (12, 9), *((1_718_000_000, digits) for digits in (3, 6, 9))])
+def test_a_clip_within_one_second_has_its_times_too(second: int, digits: int) -> None:
+    """A first try has few images; decimals alone would be the numbers of frames that are hours apart."""
+    times = [second * 10**digits + round((0.1 + number / 30) * 10**digits) for number in range(6)]
+    names = [f"left_{time // 10**digits}.{time % 10**digits:0{digits}d}.png" for time in times]
+    assert list(number_names(names, "left")) == times
+
+
+@pytest.mark.parametrize("mark", ["", ".", "_", "-"])
+@pytest.mark.parametrize("digits", [3, 6, 9])
+def test_a_clip_within_the_second_of_a_date_has_its_times_too(mark: str, digits: int) -> None:
+    second = round(datetime(2023, 5, 1, 12, 30, 45, tzinfo=UTC).timestamp())
+    parts = [round((0.1 + number / 30) * 10**digits) for number in range(6)]
+    names = [f"left_20230501_123045{mark}{part:0{digits}d}.png" for part in parts]
+    assert list(number_names(names, "left")) == [second * 10**digits + part for part in parts]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("1718000000.{number:03d}.png", "12.{number:06d}.png", "1718000000_{number:09d}.png"),
+        *("2023-05-01_12-30-45_{number:03d}.png", "2023-05-01_12-30-45-{number:04d}.png"),
+    ],
+)
+def test_frames_in_turn_beside_one_stamp_are_numbered(name: str) -> None:
+    frames = (1, 2, 3, 5, 6)  # one is lost
+    assert tuple(number_names([name.format(number=number) for number in frames], "left")) == frames
+
+
 def test_milliseconds_and_their_decimals_are_nanoseconds() -> None:
     """As RealSense's rs-convert names images."""
     names = ["1568981563427.46240234375000.png", "1568981563460.79565429687500.png"]
