@@ -21,6 +21,7 @@ from pydantic import Field, field_validator
 from harness.files.safe_names import composed_keys
 from harness.files.tables import LARGEST
 from harness.sources import PersonTruth, Recognised, Truth, check_number
+from harness.sources.media.frame_times import usual_step_ns
 from vfoa.errors import VfoaError, reported_as
 from vfoa.measured import HEAD_SIZE_M, PERSON, POINT_SIZE_M, box_of, target_of
 from vfoa.settings import Settings
@@ -220,9 +221,9 @@ class FramesOfMeasurements:
 
     @cached_property
     def rate_hz(self) -> float | None:
-        """One over the median time step, Hz; None for a single frame."""
-        steps = np.diff([frame.time_ns for frame in self.measurements.values()])
-        return float(1e9 / np.median(steps)) if len(steps) else None
+        """One over the usual time step, Hz; None for a single frame."""
+        step_ns = usual_step_ns(frame.time_ns for frame in self.measurements.values())
+        return None if step_ns is None else 1e9 / step_ns
 
     def time_ns(self, number: int) -> int:
         """Time of a frame, nanoseconds."""

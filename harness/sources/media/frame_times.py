@@ -144,9 +144,24 @@ def join_nearest(left: Sequence[int], right: Sequence[int]) -> list[tuple[int, i
 
 
 def rate_of(times_ns: Iterable[int]) -> float | None:
-    """Frames per second from the median step of ascending times, to 0.001 Hz; None for a single frame."""
-    steps = np.diff(np.fromiter(times_ns, np.int64))
-    return round(1e9 / float(np.median(steps)), 3) if steps.size else None
+    """Frames per second of ascending times by :func:`usual_step_ns`, to 0.001 Hz; None for a single frame."""
+    step_ns = usual_step_ns(times_ns)
+    return None if step_ns is None else round(1e9 / step_ns, 3)
+
+
+def usual_step_ns(times_ns: Iterable[int]) -> float | None:
+    """The usual step of ascending times: their median step; None for a single time.
+
+    Of times in whole milliseconds it is the mean of the steps within 1 ms of the median: those of 30 Hz are 33 and 34.
+    """
+    times = np.fromiter(times_ns, np.int64)
+    steps = times[1:] - times[:-1]
+    if not steps.size:
+        return None
+    median = float(np.median(steps))
+    near = steps[np.abs(steps - median) <= TICKS_NS["ms"]]
+    is_rounded = not (steps % TICKS_NS["ms"]).any()
+    return float(near.mean()) if is_rounded and near.size else median
 
 
 def nearest_apart(left: Sequence[int], right: Sequence[int]) -> float:

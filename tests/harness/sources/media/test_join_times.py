@@ -4,9 +4,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.sources.media.frame_times import join_times, stamp_unit
+from harness.sources.media.frame_times import join_times, rate_of, stamp_unit
 
 STAMPS = st.lists(st.integers(0, 1000), max_size=30).map(sorted)
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 24.0, 29.97, 30.0, 59.94, 90.0, 120.0])
+@pytest.mark.parametrize("tick_ns", [1, 1_000_000])
+def test_times_rounded_to_milliseconds_have_the_rate_of_the_camera(rate_hz: float, tick_ns: int) -> None:
+    """Also where it lost frames."""
+    numbers = [number for number in range(900) if number % 100]
+    assert rate_of(round(n * 1e9 / rate_hz / tick_ns) * tick_ns for n in numbers) == pytest.approx(rate_hz, rel=2e-4)
+
+
+def test_the_rate_of_times_that_are_not_rounded_is_of_the_median_step() -> None:
+    assert rate_of([0, 40_000_001, 80_000_000, 200_000_000, 240_000_000]) == 25.0
+    assert rate_of([0, 40_000_000, 200_000_000]) == 10.0  # no step is near the median of two
+    assert rate_of([7]) is None
 
 
 @given(left=STAMPS, right=STAMPS, tolerance=st.integers(0, 100))
