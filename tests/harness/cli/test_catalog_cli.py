@@ -23,6 +23,7 @@ from harness.record.composed import find_clips
 from harness.record.layers import ClipFiles
 from harness.run.directory import RunDirectory
 from tests.command import run_in, vfoa
+from tests.disk import share_rendered_frames
 from tests.harness.record.conftest import four_frames, write_run
 from tests.pages import BLOCK
 from tests.repository import REPOSITORY
@@ -34,10 +35,12 @@ needs_datafusion = pytest.mark.skipif(util.find_spec("datafusion") is None, reas
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The demo on two clips, six frames each."""
+    """The demo on two clips, four configurations, six frames each."""
     folder = tmp_path_factory.mktemp("catalog")
+    share_rendered_frames(folder / "c")
     shipped = (REPOSITORY / "harness" / "experiments" / "demo.toml").read_text(encoding="utf-8")
     short = re.sub(r"(?s)^clips = \[.*?\]", 'clips = ["demo_crowd", "demo_1"]', shipped, flags=re.MULTILINE)
+    short = re.sub(r"(?m)^nearest = .*$", "", short)
     (folder / "demo.toml").write_text(short, encoding="utf-8")
     words = ["run", "demo.toml", "--out", "runs/demo", "--limit", "6", "--workers", "1", "--cache", str(folder / "c")]
     run_in(folder, *words)
@@ -87,7 +90,7 @@ def test_the_documented_query_finds_the_rates_of_frr_csv(served: tuple[str, Path
     rates, errors = _asked(address)
     clips = ("demo_crowd", "demo_1")
     expected = {(clip, name): row for clip in clips for name, row in _rows(run, clip).items()}
-    assert len(expected) == 12
+    assert len(expected) == 8
     for dataset in ("demo", "demo-2"):
         found = {(row["clip"], row["configuration"]): row for row in rates if row["run"] == dataset}
         assert {pair: (row["n"], row["frr"]) for pair, row in found.items()} == {
@@ -178,7 +181,7 @@ def test_layers_have_the_names_of_their_files(run: Path) -> None:
     named = clip.layer_files()
     assert named["images"].name == "demo_1.rrd"
     assert named["sgbm-one.scene"].name == "demo_1__sgbm-one.scene.rrd"
-    assert len(named) == 1 + 2 + 6 + 6
+    assert len(named) == 1 + 2 + 4 + 4
 
 
 @needs_datafusion

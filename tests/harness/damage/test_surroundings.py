@@ -28,7 +28,7 @@ def test_a_full_disk_is_said_in_one_line_and_the_run_goes_on_when_there_is_room(
     """No file may grow beyond this, as on a disk that is full: first the manifest, then a table, which is open."""
     code = "import harness.cli; harness.cli.main()"
     done = subprocess.run(
-        [sys.executable, "-B", "-c", code, *RUN, "--no-cache"],
+        [sys.executable, "-c", code, *RUN, "--no-cache"],
         capture_output=True,
         text=True,
         check=False,
@@ -72,7 +72,7 @@ def test_a_disk_that_is_full_while_recording_ends_the_run_in_one_line_and_it_goe
 def _program(*words: str, cwd: str | bytes | None = None, closed: str = "") -> subprocess.CompletedProcess[bytes]:
     """Run vfoa in a shell, which can close stdout or stderr."""
     code = "import harness.cli; harness.cli.main()"
-    command = " ".join(["exec", shlex.quote(sys.executable), "-B", "-c", shlex.quote(code), *words, closed])
+    command = " ".join(["exec", shlex.quote(sys.executable), "-c", shlex.quote(code), *words, closed])
     return subprocess.run(
         ["/bin/sh", "-c", command],
         capture_output=True,
@@ -102,7 +102,7 @@ def test_a_working_directory_that_was_removed_is_one_line(tmp_path: Path) -> Non
     (tmp_path / "gone").mkdir()
     code = "import os, harness.cli; os.rmdir(os.getcwd()); harness.cli.main()"
     done = subprocess.run(
-        [sys.executable, "-B", "-c", code, "clips", "list"],
+        [sys.executable, "-c", code, "clips", "list"],
         cwd=tmp_path / "gone",
         env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
         capture_output=True,
@@ -117,8 +117,8 @@ def test_a_working_directory_that_was_removed_is_one_line(tmp_path: Path) -> Non
     "words",
     [
         ("cache", "info"),
-        ("run", "demo", "--limit", "1"),
-        ("run", "demo", "--no-cache", "--workers", "1"),
+        ("run", "studio_table", "--limit", "1"),
+        ("run", "studio_table", "--no-cache", "--workers", "1"),
         ("models", "fetch", "yunet"),
     ],
 )
