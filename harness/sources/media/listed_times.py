@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from harness.files.dialects import check_width, plain_name, table_rows
 from harness.files.io import read_text
+from harness.sources.media.frame_files import IMAGE_SUFFIXES
 from harness.sources.media.frame_times import DATE, SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, StampUnit, date_ns
 from vfoa.errors import VfoaError, listed, reported_as
 
@@ -44,8 +46,9 @@ def find_times(root: Path, images: str) -> str | None:
 def read_times(path: Path, numbers: Collection[int]) -> dict[int, int]:
     """The time in ns of each image, from lines such as ``2011-09-26 13:02:25.964389445``, or of one number.
 
-    Numbers are seconds with a decimal point, or s, ms, us or ns since 1970, by their digits. Lines that begin with
-    ``#`` are left out. Of a table it is the column ``timestamp`` or ``time``, or ``timestamp_ms`` in ms.
+    Numbers are seconds with a decimal point, or s, ms, us or ns since 1970, by their digits. Beside them may be numbers
+    of frames, which count by one, or names of images. Lines that begin with ``#`` are left out. Of a table it is the
+    column ``timestamp`` or ``time``, or ``timestamp_ms`` in ms.
 
     Raises
     ------
@@ -75,8 +78,25 @@ def _check_are_seconds(times_ns: Sequence[int], path: Path) -> None:
 
 
 def _bare_lines(path: Path) -> list[tuple[int, str]]:
-    lines = enumerate(read_text(path).splitlines(), start=1)
-    return [(number, text) for number, line in lines if (text := line.strip()) and not text.startswith("#")]
+    numbered = enumerate(read_text(path).splitlines(), start=1)
+    lines = [(number, text) for number, line in numbered if (text := line.strip()) and not text.startswith("#")]
+    return _beside_frames([(number, re.split(r"[,;\s]+", text)) for number, text in lines]) or lines
+
+
+def _beside_frames(rows: Sequence[tuple[int, Sequence[str]]]) -> list[tuple[int, str]] | None:
+    """The times of rows of two cells whose other one is the number of a frame or the name of an image; else None."""
+    if any(len(cells) != 2 for _, cells in rows):
+        return None
+    for time, frame in ((1, 0), (0, 1)):
+        if all(_line_is_time(cells[time]) for _, cells in rows) and _are_frames([cells[frame] for _, cells in rows]):
+            return [(line, cells[time]) for line, cells in rows]
+    return None
+
+
+def _are_frames(cells: Sequence[str]) -> bool:
+    if all(Path(cell).suffix.lower() in IMAGE_SUFFIXES for cell in cells):
+        return True
+    return all(map(str.isdecimal, cells)) and all(int(after) - int(cell) == 1 for cell, after in pairwise(cells))
 
 
 def _column_of_times(path: Path) -> tuple[list[tuple[int, str]], StampUnit | None]:
@@ -85,6 +105,8 @@ def _column_of_times(path: Path) -> tuple[list[tuple[int, str]], StampUnit | Non
     header = rows[0][1] if rows else []
     if len(header) == 1 and _line_is_time(header[0]):
         return [(line, cells[0]) for line, cells in rows], None
+    if (without_header := _beside_frames(rows)) is not None:
+        return without_header, None
     place, unit = _find_column(header, path)
     for line, cells in rows:
         check_width(cells, header, f"{path}:{line}")

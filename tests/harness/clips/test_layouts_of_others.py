@@ -252,6 +252,9 @@ TENTHS = (0, 1, 5)
         ("timestamps.csv", ["frame,timestamp", *(f"{tenths},{1_718_000_000 + tenths / 10}" for tenths in TENTHS)]),
         ("left/timestamps.csv", ["Time Stamp (ms),file", *(f"{tenths * 100},a.png" for tenths in TENTHS)]),
         ("times.csv", [f"2026-11-28T09:00:00.{tenths}" for tenths in TENTHS]),
+        ("times.txt", [f"{number:06d} {tenths / 10:.6f}" for number, tenths in enumerate(TENTHS)]),
+        ("times.txt", [f"{1_718_000_000_123_456_789 + tenths * 10**8}, left/{tenths}.jpg" for tenths in TENTHS]),
+        ("times.csv", [f"{number},{1_718_000_000 + tenths / 10}" for number, tenths in enumerate(TENTHS, start=7)]),
         ("times.txt", [f"2026-11-28T09:00:00.{tenths}+05:30" for tenths in TENTHS]),
         ("times.txt", [f"2026-11-28 09:00:00,{tenths}00" for tenths in TENTHS]),  # Python's logging
         ("timestamps.txt", [f"{1_718_000_000 + tenths / 10:.18e}" for tenths in TENTHS]),  # np.savetxt
@@ -289,7 +292,8 @@ def test_an_index_and_a_time_in_each_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        *("0 1718000000.1", "33", "2026-13-45 00:00:00", "1718000000.0\n1718000000.0\n1718000001.0"),
+        *("0 1718000000.1\n2 1718000000.2\n4 1718000000.3", "1718000000.0\n1718000000.0\n1718000001.0"),
+        *("33", "2026-13-45 00:00:00"),
         *("100.5\n133.8\n167.1", "1234567890\n1234601223\n1234634556", "123456789012.5"),  # ms or us since the start
     ],
 )
