@@ -23,7 +23,7 @@ _OF_A_CAMERA = {
 }
 _OF_THE_PAIR = {
     "R": ("r", "rot", "rotation", "rotationmatrix", "rotationmat", "rotationofcamera2"),
-    "T": ("t", "trans", "translation", "translationvector", "translationvec", "translationofcamera2"),
+    "T": ("t", "trans", "trns", "translation", "translationvector", "translationvec", "translationofcamera2"),
 }
 _TABLES_OF_THE_PAIR = (
     *("", "stereo", "extrinsic", "extrinsics"),

@@ -31,8 +31,8 @@ TUTORIAL: dict[str, Any] = {
     "distL": NODES["D1"],
     "mtxR": NODES["K2"],
     "distR": NODES["D2"],
-    "rot": NODES["R"],
-    "trans": NODES["T"],
+    "Rot": NODES["R"],
+    "Trns": NODES["T"],
 }
 NESTED = {
     "left": {"K": LISTS["K1"], "D": LISTS["D1"]},
