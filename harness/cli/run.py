@@ -271,7 +271,7 @@ def experiment_of(
     more: tuple[str, ...] = (),
 ) -> Experiment:
     """The experiment: one by name or file, or the default one on the named clips; messages name ``more``, too."""
-    from harness.clips.families import clip_files, families, is_pattern
+    from harness.clips.families import clip_files, families, is_pattern, unknown_name
     from harness.files.folders import find, is_run_of_program, names
     from harness.run.experiment import is_experiment, load_experiment
 
@@ -289,9 +289,8 @@ def experiment_of(
     for name in what:
         if not name.endswith(".toml") and name not in clips_known and not is_pattern(name):
             hint = did_you_mean(name, [*more, *names("experiments"), *clips_known])
-            raise VfoaError(
-                f"no experiment or clip {name!r}; {hint}, or a .toml file; vfoa clips add PATH makes a clip"
-            )
+            expected = f"{hint}, or a .toml file; vfoa clips add PATH makes a clip"
+            raise unknown_name(name, "experiment or clip", expected)
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default
 

@@ -67,6 +67,8 @@ def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list
     """Return every way in which an adapter can read the path."""
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder")
+    if path.suffix == ".toml":
+        raise VfoaError(f"{path}: found a manifest or an experiment; expected what a camera or a tracker recorded")
     refuse_foreign(path)
     names = [adapter] if adapter else ADAPTERS.names()
     adapters = {name: cls for name in names if isinstance(cls := ADAPTERS.load(name), Recogniser)}

@@ -31,6 +31,7 @@ from harness.files.groups import grouped
 from harness.files.io import read_text
 from harness.files.parsing import parse_toml
 from harness.files.remote import VARIABLE
+from harness.files.safe_names import vfoa_command
 from vfoa.errors import VfoaError, did_you_mean, listed
 
 
@@ -53,7 +54,17 @@ def find_manifest(name: str) -> Path:
         return path
     if clips := families().get(name):
         raise VfoaError(f"{name}: a family; expected one of its clips: {listed(clips)}")
-    raise VfoaError(f"no clip {name!r}; {did_you_mean(name, files)} (in {folders('datasets')[0]} or built in)")
+    raise unknown_name(name, "clip", f"{did_you_mean(name, files)} (in {folders('datasets')[0]} or built in)")
+
+
+def unknown_name(name: str, kind: str, expected: str) -> VfoaError:
+    """The error of a name of nothing of this kind; where it is that of a recording, with the command that adds it."""
+    path = Path(name)
+    if name and path.exists() and path.suffix != ".toml" and not (path / "manifest.json").exists():  # which a run has
+        found = "folder" if path.is_dir() else "file"
+        command = vfoa_command("clips", "add", name)
+        return VfoaError(f"{name}: a {found}, and no {kind}; expected the name of one: {command} makes one of it")
+    return VfoaError(f"no {kind} {name!r}; {expected}")
 
 
 def clip_files() -> dict[str, Path]:

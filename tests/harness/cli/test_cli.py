@@ -90,6 +90,31 @@ def test_a_wrong_word_is_one_line_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("run", "films/one.mp4"), "vfoa: films/one.mp4: a file, and no experiment or clip; "),
+        (("run", "films"), "vfoa clips add films makes"),
+        (("annotate", "films/one.mp4"), "vfoa clips add films/one.mp4 makes"),
+        (("clips", "check", "films"), "vfoa clips add films makes"),
+        (("clips", "add", "my.toml"), "my.toml: found a manifest or an experiment; "),
+    ],
+)
+def test_a_recording_in_place_of_a_clip_says_how_it_is_added(
+    arguments: tuple[str, ...],
+    line: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "films" / "one.mp4", "")
+    write_text(tmp_path / "my.toml", 'clips = ["one"]\n')
+    code, out, said = vfoa(monkeypatch, capsys, *arguments)
+    assert code != 0
+    assert line in out + said
+
+
 @pytest.mark.parametrize("of", [(), ("labels",), ("cache",), ("clips",), ("models",)], ids=" ".join)
 def test_the_help_cuts_no_verb_short(
     of: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
