@@ -256,7 +256,7 @@ def _experiment(
     from harness.files.folders import OTHER_RUNS
     from harness.score.oracle_ablation import with_oracle_ablation
 
-    experiment = experiment_of(what or [_only_experiment()], clips, overrides, preset, more=OTHER_RUNS)
+    experiment = experiment_of(what or [_only_experiment(clips)], clips, overrides, preset, more=OTHER_RUNS)
     if annotator:
         experiment = replace(experiment, annotator=annotator, given=experiment.given | {"annotator"})
     return with_oracle_ablation(experiment) if oracle else experiment
@@ -295,12 +295,13 @@ def experiment_of(
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default
 
 
-def _only_experiment() -> str:
-    """The experiment of the working directory, if it has just one."""
-    here = sorted(Path("experiments").glob("[!.]*.toml"))
+def _only_experiment(clips: tuple[str, ...]) -> str:
+    """The experiment of the working directory, if it has just one; else the error names something that can be run."""
+    here, own = (sorted(Path(folder).glob("[!.]*.toml")) for folder in ("experiments", "datasets"))
     if len(here) != 1:
         present = ", ".join(path.stem for path in here) or "no experiment"
-        raise VfoaError(f"run: found {present} in ./experiments; expected an experiment or clips: vfoa run demo")
+        command = vfoa_command("run", *(clips or [path.stem for path in (*here, *own)][:1] or ["demo"]))
+        raise VfoaError(f"run: found {present} in ./experiments; expected an experiment or clips: {command}")
     return str(here[0])
 
 

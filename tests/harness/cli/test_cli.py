@@ -115,6 +115,31 @@ def test_a_recording_in_place_of_a_clip_says_how_it_is_added(
     assert line in out + said
 
 
+@pytest.mark.parametrize(
+    ("files", "options", "command"),
+    [
+        ((), (), "vfoa run demo"),
+        (("datasets/talk.toml", "datasets/walk.toml"), (), "vfoa run talk"),
+        (("datasets/talk.toml",), ("--clip", "walk"), "vfoa run walk"),
+        (("datasets/talk.toml", "experiments/mine.toml", "experiments/yours.toml"), (), "vfoa run mine"),
+    ],
+)
+def test_a_run_of_nothing_names_what_can_be_run(
+    files: tuple[str, ...],
+    options: tuple[str, ...],
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for file in files:
+        write_text(tmp_path / file, "")
+    code, _, said = vfoa(monkeypatch, capsys, "run", *options)
+    assert code == 2
+    assert said.endswith(f"expected an experiment or clips: {command}\n")
+
+
 @pytest.mark.parametrize("of", [(), ("labels",), ("cache",), ("clips",), ("models",)], ids=" ".join)
 def test_the_help_cuts_no_verb_short(
     of: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
