@@ -79,10 +79,14 @@ def check_known(name: object, known: Collection[object], problem: str) -> None:
 
 
 def did_you_mean(name: str, expected: Iterable[str]) -> str:
-    """Return what was expected instead of ``name``, the nearest name first: ``"did you mean 'sgbm'? ..."``."""
+    """Return what was expected instead of ``name``, the nearest name first: ``"did you mean 'sgbm'? ..."``.
+
+    Capitals do not count: ``CUP`` is near ``cup``.
+    """
     names = sorted({*expected})
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
+    by_folded = {each.casefold(): each for each in reversed(names)}
+    near = difflib.get_close_matches(name.casefold(), by_folded, n=1)
+    hint = f"did you mean {by_folded[near[0]]!r}? " if near else ""
     return f"{hint}expected one of: {listed(names) or '(none)'}"
 
 

@@ -16,3 +16,9 @@ def test_of_many_names_the_nearest_and_the_first_are_named(count: int, others: s
 
 def test_names_that_occur_several_times_are_named_once() -> None:
     assert did_you_mean("cup", ["person", "robot", "person"]) == "expected one of: person, robot"
+
+
+@pytest.mark.parametrize("found", ["CUP", "Cup", "cups", "CUPS"])
+def test_capitals_hide_no_name(found: str) -> None:
+    assert did_you_mean(found, ["lamp", "cup", "Person"]).startswith("did you mean 'cup'? ")
+    assert did_you_mean("PERSON", ["lamp", "cup", "Person"]).startswith("did you mean 'Person'? ")
