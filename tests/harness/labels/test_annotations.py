@@ -54,6 +54,18 @@ def test_people_are_targets_and_rows_come_in_any_order(tmp_path: Path) -> None:
     ]
 
 
+def test_subjects_are_sorted_whoever_has_the_first_label(tmp_path: Path) -> None:
+    labels = _read(write_text(tmp_path / "a.csv", HEAD + "1,9,girl,cup,\n5,9,boy,cup,\n"))
+    assert labels.subjects == ("boy", "girl")
+    assert [(frame, who) for frame, who, _ in labels.labelled([9, 4, 5])] == [
+        (9, "boy"),
+        (9, "girl"),
+        (4, "girl"),
+        (5, "boy"),
+        (5, "girl"),
+    ]
+
+
 def test_a_point_tells_two_targets_of_one_name_apart(tmp_path: Path) -> None:
     labels = _read(write_text(tmp_path / "a.csv", POINT_HEAD + "1,1,girl,cup,,12.5,40\n2,2,girl,cup,,,\n"))
     assert labels.at(1, "girl") == Label(target="cup", point_px=(12.5, 40.0))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import gamma
 
 from vfoa.posterior import kalman
 from vfoa.posterior.kalman import (
     ASIDE,
     DRIFT,
+    HEAD,
     REST,
+    GazeError,
     Normal,
     first_error,
     first_motion,
@@ -99,6 +102,36 @@ def test_the_tail_of_a_measurement_is_that_of_students_distribution() -> None:
         assert evidence.tail == pytest.approx(np.mean(np.hypot(*drawn_offsets) > length), abs=0.005)
 
 
+@pytest.mark.parametrize("length", [0.0, 0.7, 2.0, 9.0])
+def test_an_outlier_counts_as_much_as_the_precision_that_it_suggests(length: float) -> None:
+    """Student's distribution is a normal one whose precision is drawn, here summed up over all its values."""
+    known, noise, precisions = 0.3, 0.5, np.linspace(0, 60, 600_001)[1:]
+    likely = gamma.pdf(precisions, 2, scale=1 / 2) * precisions * np.exp(-precisions * length**2 / (known + noise) / 2)
+    gain = known / (known + noise / np.average(precisions, weights=likely))
+    still = Normal(np.zeros((1, 2, 1, 1)), np.full((1, 1, 1, 1), known))
+    offset = length * np.array([0.6, -0.8]).reshape(2, 1, 1)
+    after, _ = weighed(still, np.ones((1, 1)), slice(None), offset, noise)
+    np.testing.assert_allclose(after.means[0], gain * offset, rtol=1e-6)
+    assert after.covariances.item() == pytest.approx((1 - gain) * known, rel=1e-6)
+
+
+def test_before_the_first_frame_nothing_but_the_spread_is_known() -> None:
+    """The gaze's error and the point on the target share the drift; the head is at its goal, rest + aside."""
+    rng = np.random.default_rng(13)
+    slow, on_target = rng.uniform(0.1, 1, HYPOTHESES), rng.uniform(0.1, 1, (TARGETS, 1))
+    rest, aside = rng.uniform(0.1, 1, HYPOTHESES), rng.uniform(0.1, 1, (TARGETS, HYPOTHESES))
+    error, motion = first_error(0.3, slow, on_target), first_motion(rest, aside)
+    assert not error.state.means.any()
+    assert not motion.means.any()
+    goal = np.array([[1.0, 0, 1], [0, 1, 1]])
+    for target, hypothesis in np.ndindex(TARGETS, HYPOTHESES):
+        drift = slow[hypothesis] + on_target[target, 0]
+        assert error.lasting[target, hypothesis] == pytest.approx(slow[hypothesis] / drift)
+        np.testing.assert_allclose(error.state.covariances[:, :, target, hypothesis], np.diag([0.3, drift]))
+        parts = np.diag([rest[hypothesis], aside[target, hypothesis]])
+        np.testing.assert_allclose(motion.covariances[:, :, target, hypothesis], goal.T @ parts @ goal)
+
+
 @pytest.mark.parametrize("dt_s", [0.01, 0.04, 3.0])
 def test_as_long_as_nothing_is_measured_a_look_that_goes_on_keeps_its_spread(dt_s: float) -> None:
     """What changes in a look comes back to where it was: its variance is that of the beginning at any time."""
@@ -117,3 +150,75 @@ def test_as_long_as_nothing_is_measured_a_look_that_goes_on_keeps_its_spread(dt_
     head = next_motion(first_motion(slow, aside), goes_on, still, 0.1, aside, dt_s, lag_s=0.35).covariances
     np.testing.assert_allclose(head[ASIDE, ASIDE], aside)
     np.testing.assert_allclose(head[REST, REST], np.broadcast_to(slow, one.shape))
+
+
+def uneven() -> Transition:
+    """Looks that go on with different probabilities, from targets that had other places."""
+    rng = np.random.default_rng(8)
+    looked = rng.dirichlet(np.ones(TARGETS), HYPOTHESES).T
+    stay = rng.uniform(0.1, 0.9, (TARGETS, HYPOTHESES))
+    return Transition(np.array([2, 0, 3, 1]), looked, stay, stay)
+
+
+def alone(mean: np.ndarray, covariance: np.ndarray) -> Normal:
+    """The state of one target under one hypothesis."""
+    return Normal(mean[:, :, None, None], covariance[:, :, None, None])
+
+
+def test_the_error_of_the_next_frame_is_that_of_each_look_worked_out_alone() -> None:
+    """What outlasts a look, new points on the targets, and the drift: as matrices, target by target."""
+    before, transition, rng, keep = drawn(9), uneven(), np.random.default_rng(10), 0.7
+    before = Normal(before.means[:2], before.covariances[:2, :2])
+    slow, on_target = rng.uniform(0.1, 1, HYPOTHESES), rng.uniform(0.1, 1, (TARGETS, 1))
+    lasting = rng.uniform(0.2, 0.8, (TARGETS, HYPOTHESES))
+    found = next_error(GazeError(before, lasting), transition, slow, on_target, keep)
+    for target, hypothesis in np.ndindex(TARGETS, HYPOTHESES):
+        ended = []
+        for last in range(TARGETS):
+            lasts = np.diag([1.0, lasting[last, hypothesis]])
+            covariance = lasts @ before.covariances[:, :, last, hypothesis] @ lasts
+            covariance[1, 1] += slow[hypothesis] * (1 - lasting[last, hypothesis])
+            state = alone(lasts @ before.means[:, :, last, hypothesis], covariance)
+            ended.append((float(transition.looked[last, hypothesis]), state, 0))
+        mean, covariance = moments(ended, 0)
+        covariance[1, 1] += on_target[target, 0]
+        of_new = alone(mean, covariance)
+        stay, last = float(transition.stay[target, hypothesis]), int(transition.columns[target])
+        of_old = alone(before.means[:, :, last, hypothesis], before.covariances[:, :, last, hypothesis])
+        mean, covariance = moments([(stay, of_old, 0), (1 - stay, of_new, 0)], 0)
+        fades = np.diag([1.0, keep])
+        expected = fades @ covariance @ fades
+        drift = slow[hypothesis] + on_target[target, 0]
+        expected[1, 1] += (1 - keep**2) * drift
+        np.testing.assert_allclose(found.state.means[:, :, target, hypothesis], fades @ mean, rtol=1e-12)
+        np.testing.assert_allclose(found.state.covariances[:, :, target, hypothesis], expected, rtol=1e-12)
+        assert found.lasting[target, hypothesis] == pytest.approx(slow[hypothesis] / drift)
+
+
+def test_the_head_of_the_next_frame_is_that_of_each_look_worked_out_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It moves by a share of the way to rest + aside; a new look begins at the measured head. Target by target."""
+    jitter, pace, aside_s, dt_s, lag_s, noise = 0.3, 0.8, 5.0, 0.2, 0.35, 0.05
+    for name, value in (("_JITTER_RAD_PER_ROOT_S", jitter), ("_PACE_SPREAD", pace), ("_ASIDE_S", aside_s)):
+        monkeypatch.setattr(kalman, name, value)
+    before, transition, rng = drawn(11), uneven(), np.random.default_rng(12)
+    last_offset = rng.normal(size=(2, TARGETS, HYPOTHESES))
+    aside = rng.uniform(0.1, 1, (TARGETS, HYPOTHESES))
+    found = next_motion(before, transition, last_offset, noise, aside, dt_s, lag_s)
+    settle, move = np.exp(-dt_s / aside_s), 1 - np.exp(-dt_s / lag_s)
+    for target, hypothesis in np.ndindex(TARGETS, HYPOTHESES):
+        shares = [(float(transition.looked[last, hypothesis]), before, last) for last in range(TARGETS)]
+        mean, covariance = moments(shares, hypothesis)
+        at_begin = np.array([mean[REST], np.zeros(2), last_offset[:, target, hypothesis]])
+        of_new = alone(at_begin, np.diag([covariance[REST, REST], aside[target, hypothesis], noise]))
+        stay, last = float(transition.stay[target, hypothesis]), int(transition.columns[target])
+        of_old = alone(before.means[:, :, last, hypothesis], before.covariances[:, :, last, hypothesis])
+        mean, covariance = moments([(stay, of_old, 0), (1 - stay, of_new, 0)], 0)
+        step = np.eye(PARTS)
+        step[ASIDE, ASIDE] = settle
+        step[HEAD] = move * np.array([1, settle, 0]) + (1 - move) * np.array([0, 0, 1])
+        expected = step @ covariance @ step.T
+        way = (step @ mean)[HEAD] - mean[HEAD]
+        expected[ASIDE, ASIDE] += (1 - settle**2) * aside[target, hypothesis]
+        expected[HEAD, HEAD] += jitter**2 * dt_s + pace**2 / move * (way @ way)
+        np.testing.assert_allclose(found.means[:, :, target, hypothesis], step @ mean, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(found.covariances[:, :, target, hypothesis], expected, rtol=1e-12, atol=1e-12)
