@@ -246,7 +246,7 @@ def _continued(
     frame's targets come first in the result.
     """
     after = frames_missed(missed, ids, dt_s)
-    continued = _of((*after,), (*missed,), _decay(dt_s) * sums).copy()
+    continued = _of((*after,), (*missed,), _decay(dt_s) * sums)
     known = np.isfinite(now)
     added = np.array([np.where(known, now, 0.0), known])
     continued[..., : len(ids)] += added

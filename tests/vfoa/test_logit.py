@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import approx_fprime
+from scipy.special import logsumexp
+from scipy.stats import norm
 
 from tests.scenes import entry_distance
 from vfoa.bayes import BayesSettings, HeldBelief, Posterior
@@ -27,7 +31,17 @@ from vfoa.logit import (
     target_probabilities,
     weigh_again,
 )
-from vfoa.logit_cues import LOGIT_CUES, ROWS, FrameFeatures, Means, PosteriorAnswer, later_means, observe
+from vfoa.logit_cues import (
+    LOGIT_CUES,
+    ROWS,
+    Case,
+    FrameFeatures,
+    Means,
+    PosteriorAnswer,
+    features,
+    later_means,
+    observe,
+)
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
     Box3D,
@@ -44,6 +58,7 @@ from vfoa.types import (
     Subject,
     Target,
 )
+from vfoa.visible import FACE_RADIUS_M
 
 EYES = np.array([0.0, 0.0, 0.0])
 LEFT, RIGHT = np.array([-1.0, 0.2, 2.0]), np.array([1.0, 0.2, 2.0])
@@ -162,11 +177,27 @@ def test_means_of_a_target_go_on_beyond_frames_that_miss_it() -> None:
 
     for gap in (1, PATIENCE):
         first, *_, last = seen = frames(gap)
+        assert all(frame.before.shape == frame.now.shape == (len(LOGIT_CUES), len(frame.ids)) for frame in seen)
         for frame, other, mean in ((last, first, last.before), (first, last, later_means(seen, [0.04] * (gap + 1))[0])):
             weight = np.exp(-0.04 * (gap + 1) / 0.3)
             expected = (frame.now[0, 0] + weight * other.now[0, 0]) / (1 + weight)
             assert mean[0, 0] == pytest.approx(expected)
     assert frames(PATIENCE + 1)[-1].before[0, 0] == pytest.approx(frames(0)[-1].now[0, 0])
+
+
+def test_a_frame_without_a_cue_neither_counts_for_its_mean_nor_ends_it() -> None:
+    found, means = [], Means()
+    for gaze, dt_s in ((LEFT, 0.0), (None, 0.1), (RIGHT, 0.05)):
+        seen, means = observe(looking(gaze, LEFT), TARGETS, {}, means, dt_s, by_posterior())
+        found.append(seen)
+    first, without, last = found
+    weights = np.exp(-np.array([0.15, 0.1, 0.05]) / 0.3)
+    assert np.isnan(without.now[:2]).all()
+    assert without.before[0] == pytest.approx(first.now[0])
+    assert last.before[0] == pytest.approx((last.now[0] + weights[0] * first.now[0]) / (1 + weights[0]))
+    later = later_means(found, [0.1, 0.05])
+    assert later[1][0] == pytest.approx(last.now[0])
+    assert later[0][0] == pytest.approx((first.now[0] + weights[0] * last.now[0]) / (1 + weights[0]))
 
 
 def cues_of(head: Float, target: Target, eyes: dict[int, Float] | None = None) -> dict[str, float]:
@@ -187,6 +218,39 @@ def test_a_head_that_turned_from_the_body_is_turned_on_but_not_to_behind_it(turn
     assert at == pytest.approx(0, abs=1e-9)
     assert beside == pytest.approx([beside[0]] * 2, rel=1e-3)
     assert beside[0] > 0.005
+
+
+def test_the_body_faces_where_the_head_pointed_on_average_of_the_last_seconds() -> None:
+    """A mean with a time constant of 4 s: from there, the head is turned on by 1.8 times its turn."""
+    frames = [(0.0, 40.0), (0.3, 10.0), (5.0, -20.0), (0.04, 30.0), (1.5, 0.0)]  # seconds since the last, degrees
+    ahead, means, body = np.array([0.0, 0.0, 1.0]), Means(), np.zeros(3)
+    for dt_s, turn_deg in frames:
+        head = perturb(ahead, np.radians(turn_deg), 0.0)
+        body = np.exp(-dt_s / 4.0) * body + head
+        body_deg = np.degrees(np.arctan2(body[0], body[2]))
+        swung = perturb(ahead, np.radians(body_deg + 1.8 * (turn_deg - body_deg)), 0.0)
+        target = a_target(2, 2 * lowered(swung, np.radians(9.0)), (1e-6,) * 3)
+        seen, means = observe(looking(None, head), (target,), {}, means, dt_s, by_posterior((target,)))
+        assert seen.now[LOGIT_CUES.index("head_swing"), 0] == pytest.approx(0, abs=1e-9)
+        assert means.head == pytest.approx(body)
+
+
+@pytest.mark.parametrize("sigma_deg", [None, 2.0, 20.0])
+def test_angles_are_from_the_inner_half_of_a_target_in_units_of_the_gazes_error(sigma_deg: float | None) -> None:
+    """By the formula at the head of the module; 9 degrees for a gaze that claims no error, 5 for where people look."""
+    scale_deg = np.hypot(9.0 if sigma_deg is None else sigma_deg, 5.0)
+    gaze, level = perturb(np.array([0.0, 0.0, 1.0]), np.radians(-30.0), 0.0), np.array([0.0, 0.0, 1.0])
+    half_m = np.array([0.1, 0.2, 0.3])  # 0.2 on average
+    subject = looking(gaze, perturb(level, 0.0, np.radians(-9.0)))  # lowered by 9 degrees: level
+    measured = Gaze(direction=gaze, sigma_rad=None if sigma_deg is None else np.radians(sigma_deg))
+    target = a_target(2, np.array([0.0, 0.0, 2.0]), tuple(half_m))
+    seen, _ = observe(replace(subject, gaze=measured), (target,), {}, Means(), 0.1, by_posterior((target,)))
+    inner_deg = np.degrees(np.arctan(half_m.mean() / 2 / 2))
+    found = dict(zip(LOGIT_CUES, seen.now[:, 0].tolist(), strict=True))
+    assert found["gaze"] == pytest.approx(np.log1p(((30 - inner_deg) / scale_deg) ** 2 / 4))
+    assert found["middle"] == pytest.approx(np.log1p(((15 - inner_deg) / (0.8 * scale_deg)) ** 2 / 4))
+    assert found["head"] == pytest.approx(0, abs=1e-9)
+    assert seen.log_size[0] == pytest.approx(np.log(np.arctan(half_m.mean() / 2)))
 
 
 def test_the_middle_of_a_gaze_and_a_head_that_cancel_is_the_gaze() -> None:
@@ -222,6 +286,12 @@ def test_an_extrapolated_head_counts_less_sideways_than_up_and_down() -> None:
     level = perturb(np.array([0.0, 0.0, 1.0]), 0.0, np.radians(-9.0))
     assert cues_of(level, aside)["head"] == pytest.approx(cues_of(level, below)["head"], rel=0.01)
     assert cues_of(level, aside)["head_swing"] < 0.5 * cues_of(level, below)["head_swing"]
+    inner = np.arctan(0.1 / 2 / 2)
+    for towards in (0.0, 0.5, 1.2, np.pi / 2):
+        right, down = np.cos(towards), np.sin(towards)
+        oblique = a_target(2, 2 * perturb(np.array([0.0, 0.0, 1.0]), right * np.radians(20.0), down * np.radians(20.0)))
+        angle = (np.radians(20.0) - inner) * np.hypot(0.3 * right, down)
+        assert cues_of(level, oblique)["head_swing"] == pytest.approx(np.log1p((angle / np.radians(6.0)) ** 2 / 4))
 
 
 def test_a_face_has_its_own_size_whatever_the_box_of_its_body() -> None:
@@ -247,6 +317,39 @@ def test_a_face_stays_where_it_was_while_its_head_is_missed() -> None:
             answers, states = Logit(LogitSettings(method="logit")).attend(subjects, scene, states[: len(subjects)])
         found[is_missed] = answers[0].belief.now
     np.testing.assert_array_equal(found[True], found[False])
+
+
+def test_a_face_is_a_square_about_its_eyes_and_other_targets_are_as_without_it() -> None:
+    """Seen from eyes that are not at the camera; a body without known eyes is its box, as a thing is."""
+    origin, towards = np.array([0.4, -0.2, 0.5]), perturb(np.array([0.0, 0.0, 1.0]), 0.3, 0.0)
+    bodies = tuple(a_target(n, np.array([x, 0.9, 2.4]), (0.2, 0.8, 0.2)) for n, x in ((2, -0.8), (3, 0.9), (4, 1.6)))
+    eyes = {3: origin + 1.5 * towards, 1: origin, 7: np.zeros(3)}
+    subject = looking(perturb(towards, np.radians(20.0), 0.0), lowered(towards, np.radians(-9.0)))
+    subject = replace(subject, person=replace(subject.person, eye_origin_left=origin))
+
+    def seen_with(eyes: dict[int, Float]) -> FrameFeatures:
+        return observe(subject, bodies, eyes, Means(), 0.1, by_posterior(bodies))[0]
+
+    before, seen, again = seen_with({}), seen_with(eyes), seen_with({})
+    assert seen.ids == (2, 3, 4)
+    np.testing.assert_array_equal(again.now, before.now)
+    np.testing.assert_array_equal(seen.now[:, [0, 2]], before.now[:, [0, 2]])
+    found = dict(zip(LOGIT_CUES, seen.now[:, 1].tolist(), strict=True))
+    radius, inner = np.arctan(np.array([1.0, 0.5]) * FACE_RADIUS_M / 1.5)
+    assert seen.log_size[1] == pytest.approx(np.log(radius))
+    assert found["head"] == pytest.approx(0, abs=1e-9)
+    scale = np.radians(np.hypot(9.0, 5.0))
+    assert found["gaze"] == pytest.approx(np.log1p(((np.radians(20.0) - inner) / scale) ** 2 / 4))
+    within = norm.cdf(radius / np.radians(7.0)) - norm.cdf(-radius / np.radians(7.0))
+    assert np.exp(-found["head_overlap"]) == pytest.approx(within**2 + 1e-4)
+    moved = np.array([1.0, -2.0, 3.0])
+    there = tuple(
+        replace(body, box=replace(body.box, center_m=body.box.center_m + moved)) for body in bodies if body.box
+    )
+    person = replace(subject.person, eye_origin_left=origin + moved)
+    elsewhere = {number: place + moved for number, place in eyes.items()}
+    same, _ = observe(replace(subject, person=person), there, elsewhere, Means(), 0.1, by_posterior(bodies))
+    np.testing.assert_allclose(same.now, seen.now, atol=1e-9)
 
 
 def test_later_means_mirror_the_earlier_ones() -> None:
@@ -286,6 +389,8 @@ def test_the_posterior_is_a_cue_of_its_own() -> None:
     now = {chance: found.now[LOGIT_CUES.index("posterior")] for chance, (found, _) in seen.items()}
     assert now[0.1] == pytest.approx(np.log(0.801 / 0.101))
     assert now[0.4] == pytest.approx(np.log(0.201 / 0.401))
+    of_one, _ = observe(subject, TARGETS, {}, Means(), 0.1, by_posterior(TARGETS[:1], chance=0.4))
+    assert of_one.now[LOGIT_CUES.index("posterior")] == pytest.approx(np.log([0.601 / 0.401, 0.601 / 0.001]))
 
 
 @pytest.mark.parametrize("directions", [(LEFT, LEFT), (LEFT, None), (None, LEFT)])
@@ -416,6 +521,68 @@ def test_a_label_stands_for_the_time_to_the_next_one() -> None:
     assert sparse.label_s[::5] == pytest.approx([0.5] * 20)
     fitted, expected = (fit([each], ["forward"]).forward.both.vector for each in (sparse, alone))
     assert fitted == pytest.approx(expected)
+
+
+def looks_of(seed: int, start_s: float, weight: float) -> LabelledSequence:
+    """Looks at one to three targets, two of one name, with a pause; some frames lack a label or a gaze."""
+    rng, means = np.random.default_rng(seed), Means()
+    places = [a_target(n, np.array([x, 0.2, 2.0])) for n, x in ((2, -1.0), (3, 0.0), (4, 1.0))]
+    times_s = start_s + np.cumsum(rng.uniform(0.05, 0.4, 60)) + 20 * (np.arange(60) >= 30)
+    seen, targets, before_s = list[FrameFeatures](), list[tuple[int | None, ...]](), start_s
+    for number, at_s in enumerate(times_s):
+        there = tuple(places[: rng.integers(1, 4)])
+        looked = there[rng.integers(len(there))] if rng.random() < 0.7 else None
+        way = np.array([rng.normal(), -1.0, 1.0]) if looked is None else looked.box.center_m
+        gaze, head = (way + rng.normal(0, spread, 3) for spread in (0.3, 0.6))
+        gaze, head = (direction / np.linalg.norm(direction) for direction in (gaze, head))
+        subject = looking(None if number % 7 == 3 else gaze, head)
+        found, means = observe(subject, there, {}, means, at_s - before_s, by_posterior(there))
+        of_name = {None: (None,), 2: (2,)}.get(looked and looked.instance.id, (3, 4))
+        seen.append(found)
+        targets.append(() if rng.random() < 0.3 else tuple(n for n in of_name if n is None or n in found.ids))
+        before_s = at_s
+    return LabelledSequence(group=seed, times_s=times_s.tolist(), seen=seen, targets=targets, weight=weight)
+
+
+def label_weights(times_s: list[float], labelled: list[int]) -> list[float]:
+    """How much each frame counts, 1 for half a second: it lasts to the next label, but at most for the usual time."""
+    to_next_s = [times_s[after] - times_s[before] for before, after in pairwise(labelled)]
+    usual_s = np.median(to_next_s) if to_next_s else 0.5
+    lasts = dict(zip(labelled, [*np.minimum(to_next_s, usual_s), usual_s], strict=True))
+    frames_s = [*np.diff(times_s), 0.0]
+    return [min(max(frame_s, lasts.get(place, 0.0)) / 0.5, 1.0) for place, frame_s in enumerate(frames_s)]
+
+
+@pytest.mark.parametrize("smoothing", ["forward", "both"])
+@pytest.mark.parametrize("case", ["both", "head"])
+def test_no_other_weights_are_likelier_than_those_of_a_fit(smoothing: Literal["forward", "both"], case: Case) -> None:
+    sequences = [looks_of(1, 0.0, 1.0), looks_of(2, 100.0, 0.4)]
+    frames: list[tuple[float, Float, list[bool]]] = []  # weight, features of each target, and which answers are right
+    for sequence in sequences:
+        places = [place for place, each in enumerate(sequence.seen) if each.case == case]
+        times_s, seen = [sequence.times_s[place] for place in places], [sequence.seen[place] for place in places]
+        right = [sequence.targets[place] for place in places]
+        after = later_means(seen, np.diff(times_s)) if smoothing == "both" else [None] * len(seen)
+        counts = label_weights(times_s, [place for place, targets in enumerate(right) if targets])
+        frames += [
+            (sequence.weight * count, features(each, case, mean), [number in targets for number in (None, *each.ids)])
+            for each, mean, count, targets in zip(seen, after, counts, right, strict=True)
+            if targets
+        ]
+    middle = getattr(getattr(default_weights(), smoothing), case).vector
+    scales = 2 if smoothing == "forward" else 3
+    spreads = [2.0, 1.0, *np.repeat([0.3 if row == 4 else 1.0 for row in ROWS[case]], scales)]
+
+    def loss(weights: Float) -> float:
+        logs = 0.0
+        for count, x, answers in frames:
+            utility = np.array([0.0, *x @ weights])
+            logs += count * (logsumexp(utility[answers]) - logsumexp(utility))
+        return float((((weights - middle) / spreads) ** 2).sum() / 2 - logs)
+
+    found = getattr(getattr(fit(sequences, [smoothing], [case]), smoothing), case).vector
+    assert loss(found) < loss(middle) - 1
+    assert approx_fprime(found, loss, 1e-5) == pytest.approx(np.zeros(len(found)), abs=2e-3)
 
 
 def test_weights_survive_their_vector() -> None:
