@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from harness.studio.material import Colour, Material, shaded
 from harness.studio.mesh import ellipsoid, loft, tube
 from harness.studio.things import Part, Parts
-from vfoa.geometry import unit
+from vfoa.geometry import cross, unit
 from vfoa.types import Float
 
 NECK_BODY: Float = np.array([0.0, 0.015, 1.19])
@@ -129,8 +129,11 @@ def eye(appearance: Appearance) -> Parts:
     return (Part(mesh=ellipsoid((0, 0, 0), np.full(3, _EYE_RADIUS_M), segments=24), material=paint),)
 
 
+_UP = np.array([0.0, 0.0, 1.0])
+
+
 def room_from_look(direction_room: ArrayLike) -> Float:
     """Rotation (3, 3) whose y column is a direction (3,) in the room, x level, z up: a head without roll."""
     forward = unit(direction_room)
-    right = unit(np.cross(forward, [0.0, 0.0, 1.0]))
-    return np.stack([right, forward, np.cross(right, forward)], axis=-1)
+    right = unit(cross(forward, _UP))
+    return np.stack([right, forward, cross(right, forward)], axis=-1)

@@ -17,6 +17,7 @@ from vfoa.geometry import (
     back_project,
     box_corners,
     box_iou,
+    cross,
     depth_from_disparity,
     direction_from_crop,
     direction_to_crop,
@@ -248,6 +249,13 @@ def test_offsets_between_directions_along_axes_are_known(direction, other):
     offset = tangent_offset(direction, other)
     assert math.hypot(*offset) == pytest.approx(angle_between(direction, other), abs=1e-12)
     np.testing.assert_allclose(perturb(direction, *offset), other, atol=1e-12)
+
+
+@given(SEEDS)
+def test_a_vector_product_has_the_numbers_of_numpy(seed):
+    first, second = vectors(seed, 5), vectors(seed + 1, 5)
+    np.testing.assert_array_equal(cross(first.T, second.T).T, np.cross(first, second))
+    np.testing.assert_array_equal(cross(first[0], second[0]), np.cross(first[0], second[0]))
 
 
 @given(SEEDS, st.floats(0, 1.5))
