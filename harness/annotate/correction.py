@@ -133,8 +133,9 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
     Raises
     ------
     VfoaError
-        If a name or a frame is not the clip's, or another process labels the clip.
+        If a name or a frame is not the clip's, another process labels the clip, or the run is not finished.
     """
+    FinishedRun.read(directory)  # a run that cannot be scored is refused before its labels change
     manifest = _manifest(directory, correction.clip)
     timeline = timeline_of(manifest.open())
     frames = list(timeline.frames)

@@ -194,7 +194,8 @@ def browse_failures(run: Path, chosen: Chosen) -> None:
     recordings, known = served_recordings(run), iter([found])  # the page that opens now shows what was counted
     say(counted(len(shown), "wrong frame"))
     failures = failures_routes(lambda: next(known, None) or wrong(), recordings)
-    browse(recordings.values(), ["/"], more=(*failures, *correction_routes(directory)))
+    by_name = {recording.name: recording for recording in recordings.values()}
+    browse(by_name, ["/"], more=(*failures, *correction_routes(directory)))
 
 
 def _recorded(run: Path, chosen: Chosen) -> list[RecordedClip]:

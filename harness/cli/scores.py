@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import re
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 from urllib.parse import urlencode
@@ -40,6 +39,7 @@ from harness.cli.terminal import (
 from vfoa.errors import VfoaError, counted
 
 if TYPE_CHECKING:
+    from harness.record.composed import Composed
     from harness.report.comparisons import PlannedPair
     from harness.run.directory import RunDirectory
     from harness.score.compared_runs import ComparedRuns
@@ -133,13 +133,20 @@ def _serve_report(directory: RunDirectory, where: str, port: int, *, no_open: bo
     from harness.record.composed import served_recordings
     from harness.report.write import report_page
 
-    recordings = served_recordings(directory.path)
-    if recordings:
-        say_relabelled(directory.path)
-    page = partial(report_page, directory, {pair: recording.name for pair, recording in recordings.items()})
+    served: dict[str, Composed] = {}
+
+    def page(conditions: str) -> str:
+        recordings = served_recordings(directory.path)  # a run that goes on has more of them each time
+        served.update((recording.name, recording) for recording in recordings.values())
+        return report_page(directory, {pair: recording.name for pair, recording in recordings.items()}, conditions)
+
     page(where)  # so that an error in the run is reported here, and not in the browser
+    if served:
+        say_relabelled(directory.path)
+    if not directory.read_manifest().finished:
+        say("vfoa: the run is not finished; the page has what is complete: reload it for more", err=True)
     more = correction_routes(directory)
-    browse(recordings.values(), [_path(where)], page=page, more=more, port=port, no_open=no_open)
+    browse(served, [_path(where)], page=page, more=more, port=port, no_open=no_open)
 
 
 def _path(where: str) -> str:
@@ -267,7 +274,8 @@ def _serve_comparison(runs: Sequence[Path], baseline: Path | None, where: str, p
         return render_comparison(compared, link, is_served=True, where=conditions)
 
     page(where)  # so that an error in a run is reported here, and not in the browser
-    browse(recordings.values(), [_path(where)], page=page, port=port, no_open=no_open)
+    by_name = {recording.name: recording for recording in recordings.values()}
+    browse(by_name, [_path(where)], page=page, port=port, no_open=no_open)
 
 
 def _as_json(compared: ComparedRuns) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from harness.cli.terminal import ended_by_signals, say, say_forwarding
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def browse(
-    recordings: Iterable[Composed],
+    recordings: Mapping[str, Composed],
     paths: Sequence[str],
     *,
     page: Callable[[str], str] | None = None,
@@ -21,13 +21,16 @@ def browse(
     port: int = 0,
     no_open: bool = False,
 ) -> None:
-    """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first one."""
+    """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first one.
+
+    ``page`` may add recordings.
+    """
     from harness.record.viewer import web_viewer_files
     from harness.record.web_app import site
     from harness.server.local_server import LocalServer, open_browser
 
     with ended_by_signals():
-        app = site({recording.name: recording for recording in recordings}, web_viewer_files(), page=page, more=more)
+        app = site(recordings, web_viewer_files(), page=page, more=more)
         server = LocalServer(app, port)
         addresses = [server.address_of(path) for path in paths]
         say("\n".join(["Serving until Ctrl-C:", *addresses]))

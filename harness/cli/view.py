@@ -112,7 +112,7 @@ def view(
             viewer.screenshot(first, frame, screenshot)
     elif web:
         paths = [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)]
-        browse(recordings, paths, more=_label_routes(folder))
+        browse({recording.name: recording for recording in recordings}, paths, more=_label_routes(folder))
     else:
         with ended_by_signals():
             viewer.show(recordings, frame)

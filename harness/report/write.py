@@ -158,7 +158,7 @@ def refresh(directory: RunDirectory) -> Scores:
 def report_page(
     directory: RunDirectory, recordings: Mapping[Pair, str] | None, where: str, run_folder: str = ""
 ) -> str:
-    """Return a finished run's page; nothing is written.
+    """Return a run's page; nothing is written. A served one also of what is complete of a run that is not finished.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def report_page(
     VfoaError
         As :func:`rescore` and :func:`harness.score.subset.subset`.
     """
-    run = FinishedRun.read(directory)
+    run = FinishedRun.read(directory) if recordings is None else FinishedRun.read_so_far(directory)
     found = scored(run.columns(), run.reference(where=conditions_of(where)))
     served = None if recordings is None else Served(run=str(directory.path.resolve()), recordings=recordings)
     tables, times = run_tables(found.scores), stage_times(directory)

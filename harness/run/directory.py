@@ -30,6 +30,8 @@ from vfoa.validation import parse
 Pair = tuple[str, str]
 """A clip's name and a configuration's."""
 LOCK = ".lock"
+_HOLDER = 200
+"""Most characters of a lock that are read."""
 _TRACEBACK = "traceback.txt"
 
 
@@ -107,6 +109,14 @@ class RunDirectory:
     def is_finished(self, pair: Pair) -> bool:
         """Whether a (clip, configuration) is marked finished: its answers are whole, and so were its other files."""
         return self.partial(pair, "csv").exists() and self.answers(pair).exists()
+
+    @property
+    def writer(self) -> str:
+        """The process that writes the run, or has been killed while it did; "" if there is none."""
+        try:
+            return (self.path / LOCK).read_text(encoding="utf-8", errors="replace")[:_HOLDER].strip()
+        except OSError:
+            return ""
 
     def unmark(self, pair: Pair) -> None:
         """Remove the results of a finished (clip, configuration), which must run again."""
@@ -210,7 +220,7 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
     file, is_free = _open_lock(folder)
     with file:
         file.seek(0)
-        holder = file.read(200).strip()
+        holder = file.read(_HOLDER).strip()
         if not is_free:
             raise VfoaError(
                 f"{folder}: {holder or 'another process'} runs here; expected one run in a directory: wait for it, or "

@@ -20,6 +20,8 @@ class NoteKind(StrEnum):
     """A setting that was given has no effect under some configurations, or under all."""
     UNLABELLED = auto()
     """A clip is not scored."""
+    UNFINISHED = auto()
+    """The run is not finished, and what is complete is shown."""
 
 
 WARNINGS = (NoteKind.FITTED_ON_REPORTED, NoteKind.DOUBT, NoteKind.PARTLY_SET)

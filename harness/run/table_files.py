@@ -150,7 +150,8 @@ def find_tables(
 ) -> Iterator[tuple[Pair, dict[str, Path]]]:
     """Find the files of the tables of every finished (clip, configuration), in the order of the experiment.
 
-    With ``clips``, find those of these clips alone. ``manifest`` is the run's, if it has been read.
+    With ``clips``, find those of these clips alone. ``manifest`` is the run's, if it has been read; or, of a run that
+    goes on, the part of it on what is complete.
 
     Raises
     ------
@@ -158,8 +159,8 @@ def find_tables(
         If one of the answers is missing or damaged, or the run has no tables: it is of an earlier version, or not
         finished.
     """
-    manifest = manifest or directory.read_manifest()
-    if not manifest.finished or not (directory.path / "answers").is_dir():
+    is_part, manifest = manifest is not None, manifest or directory.read_manifest()
+    if not (manifest.finished or is_part) or not (directory.path / "answers").is_dir():
         why = "is of an earlier version; run it again" if manifest.finished else "is not finished"
         raise VfoaError(f"{directory.path}: has no tables of frames (answers/): it {why}")
     failed = manifest.failed_pairs

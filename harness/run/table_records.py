@@ -97,11 +97,11 @@ def read_records(directory: RunDirectory, clips: Collection[str] | None = None) 
         yield from reader.read(block)
 
 
-def most_people(directory: RunDirectory, clips: Collection[str]) -> dict[str, int]:
+def most_people(directory: RunDirectory, clips: Collection[str], manifest: RunManifest) -> dict[str, int]:
     """The most people in a frame of each clip, in any scene. Raises the errors of :class:`TableReader`."""
     most = dict.fromkeys(clips, 0)
     of_file = cache(_most_people)
-    for (clip, _), paths in find_tables(directory, clips):
+    for (clip, _), paths in find_tables(directory, clips, manifest=manifest):
         most[clip] = max(most[clip], of_file(paths["people"]))
     return most
 

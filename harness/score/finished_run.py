@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from harness.labels.labels import Labels, Timeline
 from harness.run.columns import PairColumns
 from harness.run.directory import Pair, RunDirectory
 from harness.run.grid import base_of
-from harness.run.manifest import ClipOfRun, RunManifest, differences, has_images
+from harness.run.manifest import ClipOfRun, NoteOfRun, RunManifest, differences, has_images
 from harness.run.notes import Note, NoteKind, unlabelled
 from harness.run.records import FrameRecord, renamed
 from harness.run.table_columns import ColumnReader
@@ -31,7 +32,7 @@ from harness.run.table_records import TableReader, most_people
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from harness.score.subset import Condition, subset
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, counted
 
 
 def read_scores(directory: RunDirectory, where: Sequence[Condition] = ()) -> Scores:
@@ -65,10 +66,41 @@ class FinishedRun:
         """
         manifest = directory.read_manifest()
         if not manifest.finished:
-            raise VfoaError(f"{directory.path}: this run is not finished; repeat the same `vfoa run` to continue it")
+            look = f" (`{vfoa_command('report', directory.path, '--serve')}` shows what is complete)"
+            raise VfoaError(f"{directory.path}: this run is not finished{_how_to_go_on(directory, look)}")
         if missing := next((key for key in ("clips", "configurations") if not getattr(manifest, key)), None):
             raise VfoaError(f"{directory.manifest}: {missing}: missing; it is required")
         return cls(directory=directory, manifest=manifest)
+
+    @classmethod
+    def read_so_far(cls, directory: RunDirectory) -> FinishedRun:
+        """Read the manifest; of a run that is not finished, the part on what is complete, with a note that says so.
+
+        That are the clips that are complete under each configuration that is complete on any clip.
+
+        Raises
+        ------
+        VfoaError
+            As :meth:`read`, or if no clip is complete.
+        """
+        whole = directory.read_manifest()
+        if whole.finished:
+            return cls.read(directory)
+        pairs = product((clip.name for clip in whole.clips), whole.configurations)
+        done = {pair for pair in pairs if directory.is_finished(pair)}
+        begun = [name for name in whole.configurations if any(name == configuration for _, configuration in done)]
+        clips = [clip for clip in whole.clips if all((clip.name, name) in done for name in begun)]
+        if not (begun and clips):
+            raise VfoaError(f"{directory.path}: this run has no complete clip yet{_how_to_go_on(directory)}")
+        of_clips = f"{len(clips)} of {counted(len(whole.clips), 'clip')}"
+        under = f"{len(begun)} of {counted(len(whole.configurations), 'configuration')}"
+        text = f"THE RUN IS NOT FINISHED: this is of {of_clips}, under {under}."
+        part = {
+            "clips": clips,
+            "configurations": {name: whole.configurations[name] for name in begun},
+            "notes": [NoteOfRun(text=text, kind=NoteKind.UNFINISHED), *whole.notes],
+        }
+        return cls(directory=directory, manifest=whole.model_copy(update=part))
 
     def with_labels_of(self, annotator: str | None) -> FinishedRun:
         """The run as it is scored against the labels of this annotator; None: against those that the run names."""
@@ -236,7 +268,7 @@ class FinishedRun:
         """A note for each clip without labels: it is not scored, and how many people the run found in it."""
         if not clips:
             return []
-        people = most_people(self.directory, [clip.name for clip in clips])
+        people = most_people(self.directory, [clip.name for clip in clips], self.manifest)
         return [
             unlabelled(
                 clip.name,
@@ -247,6 +279,12 @@ class FinishedRun:
             )
             for clip in clips
         ]
+
+
+def _how_to_go_on(directory: RunDirectory, look: str = "") -> str:
+    """What to do about a run that is not finished; ``look`` is what shows it while it goes on."""
+    again = "repeat the same `vfoa run` to continue it"
+    return f": {directory.writer} writes it{look}, or was killed: then {again}" if directory.writer else f"; {again}"
 
 
 def how_to_label(clip: str | Path, configurations: Collection[Mapping[str, Any]]) -> str:

@@ -21,6 +21,7 @@ from harness.report.tables import remarks
 from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import verdict_lines
 from harness.run.manifest import ClipOfRun, RunManifest
+from harness.run.notes import NoteKind
 from harness.score.calibration import reliabilities
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
@@ -99,12 +100,13 @@ def render_page(
     )
     packs["tables"] = pack_json([plain_table(table) for table in shown])
     packs["manifest"] = pack_json(_printed(manifest))
+    unfinished = [note.text for note in scores.notes if note.kind == NoteKind.UNFINISHED]
     return template("page.html.jinja").render(
         title=f"Run {manifest.experiment}",
         facts=_facts(scores, manifest),
         is_scored=bool(scores.rows),
         compared=_compared(scores, differing),
-        verdict=verdict_lines(scores),
+        verdict=[*unfinished, *verdict_lines(scores)],
         remarks=[remark for remark in remarks(scores) if remark not in scores.notes],
         notes=scores.notes,
         versions=manifest.versions,

@@ -34,6 +34,7 @@ from harness.record.reading import RecordingFile
 from harness.record.viewer import page_files
 from harness.record.web_app import failures_routes, open_path, site
 from harness.report.write import report_page
+from harness.run.directory import RunDirectory
 from harness.score.finished_run import read_scores
 from tests.browser import dead_buttons, is_gone, set_width, wait_for, wait_until_drawn
 from tests.repository import REPOSITORY
@@ -241,6 +242,16 @@ def test_the_label_is_set_right_in_a_form_of_the_served_report(
     for words in (shlex.split(undo), ["score", str(run.path)]):
         assert CliRunner().invoke(app, words, catch_exceptions=False).exit_code == 0
     _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
+
+
+def test_no_label_of_a_run_that_goes_on_is_changed(run: RunResults, tmp_path: Path) -> None:
+    """Its scores cannot be written."""
+    labels = run.path.parent / "annotations" / "desk.csv"
+    before, goes_on = labels.read_bytes(), RunDirectory(shutil.copytree(run.path, tmp_path / "run"))
+    goes_on.write_manifest(run.directory.read_manifest().model_copy(update={"finished": None}))
+    with pytest.raises(VfoaError, match="not finished"):
+        correct(goes_on, Correction(clip="desk", subject="anna", target="vase", first=2, last=3))
+    assert labels.read_bytes() == before
 
 
 @pytest.fixture

@@ -196,7 +196,7 @@ def test_the_served_page_links_to_recordings_and_is_made_anew_for_other_conditio
     invoked = CliRunner().invoke(app, ["compare", *runs, "--serve", "--where", "target=cup", "--where", "frame<40"])
     assert invoked.exit_code == 0, invoked.output
     recordings, paths = served["given"]
-    assert [recording.name for recording in recordings] == ["1__tabletop__one", "2__tabletop__one"]
+    assert [*recordings] == ["1__tabletop__one", "2__tabletop__one"]
     assert paths == ["/?where=target%3Dcup%2Cframe%3C40"]
 
     def changed(where: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import psutil
@@ -14,7 +15,8 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.cli.terminal import ended_by_signals
-from tests.records import answers, write_run
+from tests.disk import write_text
+from tests.records import answers, write_clip, write_run
 from vfoa.errors import VfoaError
 
 MAIN = "from harness.cli import main; main()"
@@ -52,6 +54,34 @@ def test_a_frame_that_the_run_does_not_have_is_refused(run: Path) -> None:
     (run / "clip__one.rrd").touch()
     with pytest.raises(VfoaError, match=r"clip__one\.rrd: found no frame 9.*1 to 2"):
         CliRunner().invoke(app, ["view", str(run), "--frame", "9"], catch_exceptions=False)
+
+
+def test_the_served_page_of_a_run_that_goes_on_has_what_is_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reloaded, it has more, also recordings."""
+    records = [record for clip in ("a", "b") for record in answers(["cup", None], clip=clip)]
+    clips = [write_clip(tmp_path, clip, ["cup", "cup"]) for clip in ("a", "b")]
+    directory = write_run(tmp_path / "run", records, clips=clips, notes=[], experiment="small")
+    directory.write_manifest(directory.read_manifest().model_copy(update={"finished": None}))
+
+    def complete(clip: str) -> None:
+        write_text(directory.partial((clip, "one"), "csv"), "")
+        (directory.path / f"{clip}__one.rrd").touch()
+
+    served: dict[str, Any] = {}
+    monkeypatch.setattr("harness.cli.serving.browse", lambda *given, **named: served.update(named, given=given))
+    complete("a")
+    said = CliRunner().invoke(app, ["report", str(directory.path), "--serve"], catch_exceptions=False)
+    assert (said.exit_code, said.stderr.count("reload")) == (0, 1)
+    recordings, _ = served["given"]
+    assert [*recordings] == ["a__one"]
+    assert "of 1 of 2 clips" in served["page"]("")
+    complete("b")
+    assert "of 2 of 2 clips" in served["page"]("")
+    assert [*recordings] == ["a__one", "b__one"]
+    directory.write_manifest(directory.read_manifest().model_copy(update={"finished": "now"}))
+    assert "NOT FINISHED" not in served["page"]("")
 
 
 REPORT = ("report", "--serve", "--no-open")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import shlex
 from contextlib import closing
 from pathlib import Path
@@ -11,17 +12,55 @@ from harness.annotate.correction import choices
 from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
-from harness.run.directory import RunDirectory
+from harness.run.directory import LOCK, RunDirectory
 from harness.run.manifest import AnswerTraits, RunManifest
 from harness.run.notes import Note, NoteKind
 from harness.score.finished_run import FinishedRun, read_scores
+from harness.score.score import score
 from tests.disk import labels_text, write_text
-from tests.records import answers, write_run
+from tests.records import answers, write_clip, write_run
 from vfoa.errors import VfoaError
 
 
 def _finished(folder: Path, **manifest: Any) -> FinishedRun:
     return FinishedRun(directory=RunDirectory(folder), manifest=RunManifest.model_validate(manifest))
+
+
+def _unfinished(folder: Path) -> RunDirectory:
+    """A run of the clips a and b under two configurations that goes on: its tables are there, and none is complete."""
+    records = [
+        record
+        for clip in ("a", "b")
+        for name in ("one", "two")
+        for record in answers(["cup", None], clip=clip, configuration=name)
+    ]
+    clips = [write_clip(folder, clip, ["cup", "cup"]) for clip in ("a", "b")]
+    directory = write_run(folder / "run", records, clips=clips, notes=[])
+    directory.write_manifest(directory.read_manifest().model_copy(update={"finished": None}))
+    return directory
+
+
+def test_of_a_run_that_goes_on_the_clips_are_read_that_are_complete_under_what_has_begun(tmp_path: Path) -> None:
+    directory = _unfinished(tmp_path)
+    with pytest.raises(VfoaError, match="no complete clip yet; repeat the same"):
+        FinishedRun.read_so_far(directory)
+    (directory.path / LOCK).write_text("process 7 on box")
+    with pytest.raises(VfoaError, match=r"this run is not finished: process 7 on box writes it .*report .*--serve"):
+        FinishedRun.read(directory)
+    found = []
+    for pair in [("a", "one"), ("a", "two"), ("b", "two"), ("b", "one")]:
+        write_text(directory.partial(pair, "csv"), "")
+        run = FinishedRun.read_so_far(directory)
+        (note,) = run.manifest.notes
+        assert note.kind == NoteKind.UNFINISHED
+        scored = score(run.columns(), run.reference())
+        found.append((scored.clips, scored.configurations, re.findall(r"\d of \d", note.text)))
+    assert found == [
+        (("a",), ("one",), ["1 of 2", "1 of 2"]),
+        (("a",), ("one", "two"), ["1 of 2", "2 of 2"]),
+        (("a",), ("one", "two"), ["1 of 2", "2 of 2"]),
+        (("a", "b"), ("one", "two"), ["2 of 2", "2 of 2"]),
+    ]
 
 
 @pytest.mark.parametrize(
