@@ -194,9 +194,10 @@ def test_a_measured_person_is_known_by_its_instance_in_any_order() -> None:
 
 
 def test_a_measured_person_and_one_in_an_image_are_never_the_same() -> None:
-    tracker = Tracker(TrackingSettings())
-    people = (make_measured_person(4), make_person(instance_id=4))
-    assert [tracker.step((person,)).ids for person in people] == [(1,), (2,)]
+    measured, seen = make_measured_person(4), make_person(instance_id=4)
+    for people in ((measured, seen), (seen, measured)):
+        tracker = Tracker(TrackingSettings())
+        assert [tracker.step((person,)).ids for person in people] == [(1,), (2,)]
 
 
 def test_a_tracker_says_the_track_of_each_person_where_the_person_stands_and_what_is_open() -> None:
