@@ -76,7 +76,7 @@ class FinishedRun:
     def read_so_far(cls, directory: RunDirectory) -> FinishedRun:
         """Read the manifest; of a run that is not finished, the part on what is complete, with a note that says so.
 
-        That are the clips that are complete under each configuration that is complete on any clip.
+        What is complete are the clips that are finished under each configuration that is finished on any clip.
 
         Raises
         ------
