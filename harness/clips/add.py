@@ -105,6 +105,8 @@ _TABLES = frozenset({".csv", ".tsv", ".txt", ".parquet", ".xlsx"})
 """Ends of the names of what trackers and eye trackers export."""
 _RECORDINGS = frozenset({".mcap", ".bag", ".db3", ".svo2", ".mkv"})
 """Ends of the names of files that are clips by themselves."""
+_FIRST_VIEW = ("left", "both", "colour")
+"""The settings that name the left view, by the kind of source."""
 _MOST_KINDS = 5
 """Most kinds of files that a message counts."""
 
@@ -170,9 +172,6 @@ def _each_of_its_own(path: Path, readings: Sequence[Reading]) -> str:
         return f"; or a clip of each film: {vfoa_command('clips', 'add', path)}/*{suffixes.pop()}"
     return ""
 
-
-_FIRST_VIEW = ("left", "both", "colour")
-"""The settings that name the left view, by the kind of source."""
 
 _WHO = """
 # Who is there and what is looked at, in the segmentation's words (datasets/README.md):

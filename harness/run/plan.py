@@ -291,7 +291,7 @@ def describe(plan: Plan) -> RunManifest:
         plan.stages, _default_fetch(plan), where=plan.experiment.where
     )  # before a stage of a clip opens them
     of_sinks = {key: value for sink in plan.sinks for key, value in sink.described().items()}
-    digests = {prepared.manifest.name: prepared.digest for prepared in plan.clips} if plan.experiment.fits else {}
+    digests = {prepared.manifest.name: prepared.digest for prepared in plan.clips}
     notes = (*plan.experiment.notes, *notes_on_fits(plan.experiment.fits, digests))
     return RunManifest(
         experiment=plan.experiment.name,

@@ -322,9 +322,8 @@ def _refuse_unpaired(path: Path) -> None:
     if images := [name for names in files for name in names]:
         raise VfoaError(
             f"{path}: no two views are seen in the names of {counted(len(images), 'image')} ({listed(images, 1)}); "
-            "expected --set "
-            "left=FILES --set right=FILES (a folder, a file, a glob or a pattern such as left_%04d.png; in the "
-            "manifest: left = and right = in [source]), or --set layout=images_side_by_side (or "
+            "expected --set left=FILES --set right=FILES (a folder, a file, a glob or a pattern such as left_%04d.png; "
+            "in the manifest: left = and right = in [source]), or --set layout=images_side_by_side (or "
             "images_top_bottom) where one image has both, or --set colour=FILES --set depth=FILES of measured depth"
         )
 
