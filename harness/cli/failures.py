@@ -117,12 +117,12 @@ def first_of_looks(wrong: Sequence[Verdict], scores: Scores) -> list[int]:
     """The places of those wrong frames that are the first ones of a look: of frames with one true target."""
     import numpy as np
 
-    from harness.score.judged_subjects import NO_PREDICTION
+    from harness.score.looks import find_events
 
     looks = {}
     for each in scores.judged_subjects:
-        begins = (np.diff(each.truth, prepend=NO_PREDICTION) != 0) | (np.diff(each.positions, prepend=-2) > 1)
-        numbers = np.cumsum(begins).tolist()
+        begins = [event.first for event in find_events(each.truth, each.positions)]
+        numbers = np.searchsorted(begins, each.positions, side="right").tolist()
         looks[each.clip, each.configuration, each.subject] = dict(zip(each.frames.tolist(), numbers, strict=True))
     first = dict[tuple[object, ...], int]()
     for place, verdict in enumerate(wrong):
@@ -174,7 +174,7 @@ def _target_and_frames(answer: str, first: int, last: int) -> tuple[str, int, in
 def browse_failures(run: Path, chosen: Chosen) -> None:
     """Serve the recordings of a run, and a page that steps through its wrong frames beside the web viewer."""
     from harness.annotate.correction import correction_routes
-    from harness.record.composed import served_recordings
+    from harness.record.composed import by_name, served_recordings
     from harness.record.web_app import failures_routes
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
@@ -194,8 +194,7 @@ def browse_failures(run: Path, chosen: Chosen) -> None:
     recordings, known = served_recordings(run), iter([found])  # the page that opens now shows what was counted
     say(counted(len(shown), "wrong frame"))
     failures = failures_routes(lambda: next(known, None) or wrong(), recordings)
-    by_name = {recording.name: recording for recording in recordings.values()}
-    browse(by_name, ["/"], more=(*failures, *correction_routes(directory)))
+    browse(by_name(recordings.values()), ["/"], more=(*failures, *correction_routes(directory)))
 
 
 def _recorded(run: Path, chosen: Chosen) -> list[RecordedClip]:

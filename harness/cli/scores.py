@@ -130,14 +130,14 @@ def _serve_report(directory: RunDirectory, where: str, port: int, *, no_open: bo
     """Serve a run's page, with its recordings and the form that sets labels right."""
     from harness.annotate.correction import correction_routes
     from harness.cli.serving import browse
-    from harness.record.composed import served_recordings
+    from harness.record.composed import by_name, served_recordings
     from harness.report.write import report_page
 
     served: dict[str, Composed] = {}
 
     def page(conditions: str) -> str:
         recordings = served_recordings(directory.path)  # a run that goes on has more of them each time
-        served.update((recording.name, recording) for recording in recordings.values())
+        served.update(by_name(recordings.values()))
         return report_page(directory, {pair: recording.name for pair, recording in recordings.items()}, conditions)
 
     page(where)  # so that an error in the run is reported here, and not in the browser
@@ -251,7 +251,7 @@ def _serve_comparison(runs: Sequence[Path], baseline: Path | None, where: str, p
     from dataclasses import replace
 
     from harness.cli.serving import browse
-    from harness.record.composed import served_recordings
+    from harness.record.composed import by_name, served_recordings
     from harness.record.web_app import open_path
     from harness.report.page.compare import render_comparison
     from harness.score.compared_runs import compare_runs
@@ -274,8 +274,7 @@ def _serve_comparison(runs: Sequence[Path], baseline: Path | None, where: str, p
         return render_comparison(compared, link, is_served=True, where=conditions)
 
     page(where)  # so that an error in a run is reported here, and not in the browser
-    by_name = {recording.name: recording for recording in recordings.values()}
-    browse(by_name, [_path(where)], page=page, port=port, no_open=no_open)
+    browse(by_name(recordings.values()), [_path(where)], page=page, port=port, no_open=no_open)
 
 
 def _as_json(compared: ComparedRuns) -> dict[str, Any]:

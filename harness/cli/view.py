@@ -69,7 +69,7 @@ def view(
     from harness.cli.serving import browse
     from harness.files.io import check_new
     from harness.record import viewer
-    from harness.record.composed import find_recordings
+    from harness.record.composed import by_name, find_recordings
     from harness.record.web_app import open_path
     from harness.run.directory import RunDirectory
 
@@ -112,7 +112,7 @@ def view(
             viewer.screenshot(first, frame, screenshot)
     elif web:
         paths = [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)]
-        browse({recording.name: recording for recording in recordings}, paths, more=_label_routes(folder))
+        browse(by_name(recordings), paths, more=_label_routes(folder))
     else:
         with ended_by_signals():
             viewer.show(recordings, frame)

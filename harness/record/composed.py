@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -263,6 +263,11 @@ def find_recordings(
     clips = find_clips(run, clip, configuration)
     clips[0].expect_subject(subject)
     return [replace(recorded_clip.compose(), subject=subject) for recorded_clip in clips]
+
+
+def by_name(recordings: Iterable[Composed]) -> dict[str, Composed]:
+    """The recordings by the names under which they are served."""
+    return {recording.name: recording for recording in recordings}
 
 
 def served_recordings(run: Path) -> dict[Pair, Composed]:

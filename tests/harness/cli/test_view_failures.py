@@ -114,6 +114,20 @@ def test_the_first_wrong_frame_of_each_look_of_each_person_is_a_step_of_its_own(
     assert sorted(found) == [("boy", 1), ("girl", 2), ("girl", 4), ("girl", 8)]
 
 
+def test_a_look_that_is_labelled_in_every_second_frame_is_one_step():
+    """As the looks of all tables are."""
+    given = [("girl", "bird" if frame % 2 else "ignore", frame) for frame in range(1, 8)]
+    truth = Labels(LabelRange(first_frame=n, last_frame=n, subject=who, label=Label(target=t)) for who, t, n in given)
+    records = [
+        frame_record([target_record(1, "bird")], [subject_record("girl", totals={}, focus=None)], frame=frame)
+        for frame in range(1, 8)
+    ]
+    scores = score(records, Reference(labels={"clip": truth}))
+    wrong = wrong_verdicts(scores, Chosen())
+    assert [verdict.frame for verdict in wrong] == [1, 3, 5, 7]
+    assert first_of_looks(wrong, scores) == [0]
+
+
 def test_a_failure_is_one_line_that_says_what_was_wrong():
     line = describe(wrong_verdicts(SCORES, Chosen()), 1)
     assert line == "2/4  b, two, frame 7: ann looks at cup, predicted book (outscored)"
