@@ -194,10 +194,12 @@ def _events(observation: Mapping[str, Any], where: str) -> list[_BorisEvent]:
     return sorted(parsed, key=lambda event: event.at)
 
 
-def _modifiers(text: object) -> tuple[str, ...]:
-    """The modifier of each set; none if no set has one."""
-    modifiers = tuple(_KEY.sub("", part.strip()) for part in str(text or "").split("|"))
-    cleaned = tuple("" if part in _NOT_CHOSEN else part for part in modifiers)
+def _modifiers(joined: object) -> tuple[str, ...]:
+    """The modifier of each set, as BORIS joins them or one by one; none if no set has one."""
+    parts = (
+        joined if isinstance(joined, tuple) else [_KEY.sub("", each.strip()) for each in str(joined or "").split("|")]
+    )
+    cleaned = tuple("" if part in _NOT_CHOSEN else part for part in parts)
     return cleaned if any(cleaned) else ()
 
 
@@ -225,12 +227,8 @@ def _check_modifiers(
             f"{where}: states of {first.behaviour!r} have modifiers ({listed}); expected --modifier {quote(name)} if "
             f"they are the targets, or --modifier {NO_MODIFIER} to leave them out"
         )
-    if not any(_set_number(event, behaviours, modifier) is not None for event in modified):
-        check_known(
-            modifier,
-            dict.fromkeys(n for event in modified for n in _set_names(event, behaviours)),
-            f"{where}: --modifier: no",
-        )
+    known = dict.fromkeys(name for event in modified for name in _set_names(event, behaviours))
+    check_known(modifier, known, f"{where}: --modifier: no")
 
 
 def _set_names(event: _BorisEvent, behaviours: Mapping[str, _Behaviour]) -> list[str]:
@@ -239,15 +237,10 @@ def _set_names(event: _BorisEvent, behaviours: Mapping[str, _Behaviour]) -> list
     return [(names[n] if n < len(names) else "") or str(n + 1) for n in range(len(event.modifiers))]
 
 
-def _set_number(event: _BorisEvent, behaviours: Mapping[str, _Behaviour], modifier: str) -> int | None:
-    names = _set_names(event, behaviours)
-    return names.index(modifier) if modifier in names else None
-
-
 def _target(event: _BorisEvent, behaviours: Mapping[str, _Behaviour], modifier: str | None) -> str:
     """The modifier of the chosen set; the behaviour where there is none."""
-    number = None if modifier is None else _set_number(event, behaviours, modifier)
-    return event.behaviour if number is None else event.modifiers[number] or event.behaviour
+    names = _set_names(event, behaviours)
+    return (modifier in names and event.modifiers[names.index(modifier)]) or event.behaviour
 
 
 def _pairs(states: Sequence[_BorisEvent]) -> Iterator[tuple[_BorisEvent, int | None]]:
@@ -273,27 +266,31 @@ def _film_offset_ms(observation: Mapping[str, Any], exchange: Exchange, where: s
 
     Events are rounded to the millisecond, and lengths are not: rounded down, no label begins after its frame.
 
-    BORIS adds an observation's time offset to each event, and the film's creation time if the observation says so. A
-    player begins at its offset, and plays the films of its list one after the other.
+    BORIS adds an observation's time offset to each event and, if the observation says so, the creation time of the film
+    in the first player. A player begins at its offset, and plays the films of its list one after the other. With
+    ``--offset``, which replaces all this, nothing is added.
     """
-    begin_s = _number(observation, "time offset", where)
     media = observation.get("media_info")
     media = media if isinstance(media, dict) else {}
     lists = observation.get("file")
-    players = {str(player): films for player, films in lists.items() if films} if isinstance(lists, dict) else {}
+    lists = lists if isinstance(lists, dict) else {}
+    players = {str(player): films for player, films in lists.items() if films and isinstance(films, list)}
     films = [(player, place, str(film)) for player, listed in players.items() for place, film in enumerate(listed)]
     chosen = exchange.film_of([film for _, _, film in films], where)
     player, place, film = next((at for at in films if at[2] == chosen), ("1", 0, ""))
-    begin_s += _number(media.get("offset"), player, where)
+    if exchange.offset is not None:
+        return 0
+    begin_s = _number(observation, "time offset", where) + _number(media.get("offset"), player, where)
     begin_s += sum(
         _number(media.get("length"), str(before), where, needed=True) for before in players.get(player, ())[:place]
     )
     if observation.get("media_creation_date_as_offset"):
-        if len(players.get("1", ())) > 1:
+        created, *others = players.get("1", [film])
+        if others:
             raise VfoaError(
                 f"{where}: times count from the creation of each of several films; expected --offset SECONDS"
             )
-        begin_s += _number(media.get("media_creation_time"), film, where, needed=True)
+        begin_s += _number(media.get("media_creation_time"), str(created), where, needed=True)
     return math.floor(round(-begin_s * 1000, 3))
 
 

@@ -48,7 +48,7 @@ class Observer(ReadOnly):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _LoggedEvent:
-    """A row of the log, with its modifiers as BORIS joins them; ``subject`` is None without such a column."""
+    """A row of the log, with a modifier for each column, "" for none; ``subject`` is None without such a column."""
 
     where: str
     time_s: float
@@ -56,7 +56,7 @@ class _LoggedEvent:
     observation: str
     subject: str | None
     behaviour: str
-    modifiers: str
+    modifiers: tuple[str, ...]
     comment: str
 
 
@@ -89,7 +89,7 @@ def _rows(path: Path) -> list[_LoggedEvent]:
                     observation=row.get("observation", ""),
                     subject=row.get("subject"),
                     behaviour=row["behaviour"],
-                    modifiers="|".join("" if is_missing(cells[place]) else cells[place] for place in modifiers),
+                    modifiers=tuple("" if is_missing(cells[place]) else cells[place] for place in modifiers),
                     comment=row.get("comment", ""),
                 )
             )

@@ -106,6 +106,7 @@ def test_every_unknown_name_is_told_at_once(tmp_path: Path) -> None:
         (_looks(["how", "what"], *((t, b, f"fast|{m}") for t, b, m in LOOKS)), {"modifier": "what"}, TURNS),
         (_looks(["what", "how"], *((t, b, f" {m} (k)|None") for t, b, m in LOOKS)), {"modifier": "what"}, TURNS),
         (_looks(["what"], (0.0, "bird", ""), (0.079, "bird", ""), *LOOKS[2:]), {"modifier": "what"}, TURNS),
+        (_looks(["what", "how"], *((t, m, "None|fast") for t, _, m in LOOKS)), {"modifier": "what"}, TURNS),
         (
             _looks(["how"], *((time, "bird", modifiers) for time, _, modifiers in LOOKS)),
             {"modifier": "none"},
@@ -120,6 +121,7 @@ def test_every_unknown_name_is_told_at_once(tmp_path: Path) -> None:
         "second set",
         "spaces, a key, nothing chosen",
         "some behaviours without modifiers",
+        "none chosen of the set",
         "modifiers left out still pair states",
     ],
 )
@@ -135,6 +137,25 @@ def test_a_state_without_a_stop_lasts_to_the_end_of_the_clip(tmp_path: Path) -> 
     assert imported.labels.ranges == (row(1, 2, "bird"), row(3, 50, "cup"))
     (note,) = (note for note in imported.notes if "never stops" in note)
     assert "0.080 s: 'cup' of 'girl'" in note
+
+
+def test_a_state_that_begins_after_the_clip_and_never_stops_is_left_out(tmp_path: Path) -> None:
+    events = [*LOOKS[:2], (2.0, "look", "cup")]  # the clip's last frame lasts until 2 s
+    path = write_text(tmp_path / "a.boris", _looks(["what"], *((time, what, "") for time, _, what in events)))
+    imported = Boris().read(path, exchange())
+    assert imported.labels.ranges == (row(1, 2, "bird"),)
+    assert "left out: 1 label without a frame of the clip" in imported.notes[0]
+
+
+def test_times_are_read_to_the_millisecond(tmp_path: Path) -> None:
+    """As floating point numbers, 8.04 and 16.12 s are a little less, or more, than so many milliseconds."""
+    events = [(time_s, "cup", "") for time_s in (8.04, 8.12, 16.12, 16.2)]
+    path = write_text(tmp_path / "a.boris", _project(o={"type": "MEDIA", "events": _events(*events)}))
+    imported = Boris().read(path, exchange(PlainClip(frames=range(1000)), gaps="none"))
+    assert [row for row in imported.labels.ranges if row.label.target == "cup"] == [
+        row(201, 202, "cup"),
+        row(403, 404, "cup"),
+    ]
 
 
 CREATED = {"media_info": {"media_creation_time": {"/v/a.mp4": 1_718_000_000}}, "file": {"1": ["/v/a.mp4"]}}
@@ -175,16 +196,51 @@ OTHERS = {"file": {"1": ["side.mp4"], "2": ["front.mp4"]}, "media_info": {"lengt
         (10.0, {"1": ["side.mp4", "front.mp4"]}, {"1": 0.0}, ["front.mp4"]),  # one after the other
         (31.5, {"1": ["front.mp4"], "2": ["side.mp4", "front.mp4", "/v/right.mp4"]}, {"2": 1.5}, ["right.mp4"]),
         (2.0, {"1": ["/v/right.mp4"], "2": ["C:\\v\\left.mp4"]}, {"1": 9.0, "2": 2.0}, ["left.mp4", "right.mp4"]),
-        (2.0, {"1": ["another.mp4"], "2": []}, {"1": 2.0}, ["front.mp4"]),  # the only film: a copy of the clip's
+        (
+            2.0,
+            {"1": ["another.mp4"], "2": [], "3": 5},
+            {"1": 2.0},
+            ["front.mp4"],
+        ),  # the only film: a copy of the clip's
     ],
     ids=["second player", "queue", "queue of the second", "left of two views", "another name"],
 )
 def test_the_film_that_shows_the_clip_counts(
-    begin_s: float, players: dict[str, list[str]], offsets: dict[str, float], own: list[str], tmp_path: Path
+    begin_s: float, players: dict[str, Any], offsets: dict[str, float], own: list[str], tmp_path: Path
 ) -> None:
     content = _turns(begin_s, file=players, media_info={"length": FILMS, "offset": offsets})
     path = write_text(tmp_path / "a.boris", content)
     assert Boris().read(path, exchange(films=dict.fromkeys(own, 0.0))).labels.ranges == TURNS
+
+
+TWO_CREATED = {
+    "media_info": {"media_creation_time": {"side.mp4": 3, "front.mp4": 70}, "length": FILMS},
+    "media_creation_date_as_offset": True,
+}
+
+
+def test_times_count_from_the_creation_of_the_first_players_film(tmp_path: Path) -> None:
+    """As ``boris/write_event.py`` adds it, whichever film shows the clip."""
+    players = {"1": ["side.mp4"], "2": ["front.mp4"]}
+    path = write_text(tmp_path / "a.boris", _turns(3.0, file=players, **TWO_CREATED))
+    assert Boris().read(path, exchange(film="front.mp4")).labels.ranges == TURNS
+
+
+@pytest.mark.parametrize(
+    "observation",
+    [
+        {"time offset": "noon"},
+        {"file": {"1": ["side.mp4", "front.mp4"]}, **TWO_CREATED},
+        {"file": {"1": ["side.mp4"]}, "media_creation_date_as_offset": True},
+        {"file": {"1": ["unknown.mp4", "front.mp4"]}},
+    ],
+    ids=["no time offset", "creation of several", "no creation", "no length"],
+)
+def test_a_given_offset_replaces_what_an_observation_does_not_say(observation: dict[str, Any], tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.boris", _turns(3.0, **observation))
+    with pytest.raises(VfoaError, match=r"expected .*--offset SECONDS"):
+        Boris().read(path, exchange(films={"front.mp4": 0.0}))
+    assert Boris().read(path, exchange(films={"front.mp4": 0.0}, offset=3.0)).labels.ranges == TURNS
 
 
 @pytest.mark.parametrize("how", [{"film": "front.mp4"}, {"offset": 3.0}])

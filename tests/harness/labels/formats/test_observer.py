@@ -63,6 +63,13 @@ def test_behaviours_are_the_targets_where_there_are_no_modifiers(tmp_path: Path)
     assert ["never stops" in note for note in imported.notes] == [True]
 
 
+def test_modifiers_are_read_as_they_are(tmp_path: Path) -> None:
+    """What is in brackets is the key of a modifier in BORIS, not here."""
+    path = write_text(tmp_path / "log.txt", LOG.replace("bird", "toy (red)").replace("cup", "toy (blue|big)"))
+    renamed = {"toy (red)": "bird", "toy (blue|big)": "cup"}
+    assert Observer().read(path, exchange(TEN, modifier="1", renamed=renamed)).labels == EXPECTED
+
+
 def test_one_of_several_observations_is_chosen(tmp_path: Path) -> None:
     lines = LOG.splitlines(keepends=True)
     path = write_text(tmp_path / "log.txt", LOG + "".join(lines[1:]).replace(",talk,", ",walk,").replace("bird", "cup"))
