@@ -226,8 +226,10 @@ def frames_per_second(cell: str, where: str, instead: str = "") -> float:
     return float(cell)
 
 
-def nanoseconds(times_s: Float) -> list[int]:
-    """Times (N,) s as whole nanoseconds."""
+def nanoseconds(times_s: Float, lines: Sequence[int], path: Path) -> list[int]:
+    """Times (N,) s as whole nanoseconds; a :class:`VfoaError` says where one is blank."""
+    for row in np.flatnonzero(np.isnan(times_s))[:1]:
+        raise VfoaError(f"{path}:{lines[row]}: Time: found nothing; expected seconds")
     return [round(1e9 * time_s) for time_s in times_s.tolist()]
 
 

@@ -77,7 +77,7 @@ class MotiveClip(MotionCaptureClip):
         lines, cells = read_cells(rows, header, columns, every, path)
         return Take(
             numbers=frame_numbers(cells[:, 0], lines, path),
-            times_ns=nanoseconds(cells[:, 1]),
+            times_ns=nanoseconds(cells[:, 1], lines, path),
             poses=poses_of(bodies, cells[:, 2:], unit_m, lines, path),
             bones=bones,
         )

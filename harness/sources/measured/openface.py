@@ -111,8 +111,8 @@ def read_openface(path: Path) -> FaceTable:
     Raises
     ------
     VfoaError
-        For the first mistake, with file and line: a missing column, a cell that is no number, a frame below 0, or a
-        place that is not finite; or if no row counts.
+        For the first mistake, with file and line: a missing column, a cell that is no number, or a place that is not
+        finite; or if no row counts.
     """
     faces: dict[int, list[Face]] = {}
     stamps_s: dict[int, float] = {}

@@ -100,7 +100,7 @@ class QualisysClip(MotionCaptureClip):
         of_bodies = np.split(cells[:, len(clock) :], len(bodies), axis=1)
         return Take(
             numbers=numbers,
-            times_ns=nanoseconds(times_s),
+            times_ns=nanoseconds(times_s, lines, path),
             poses={name: _poses(each, lines, path, name) for name, each in zip(bodies, of_bodies, strict=True)},
         )
 

@@ -63,6 +63,7 @@ def test_markers_alone_are_refused(tmp_path: Path) -> None:
         ("\tRot[5]", "\tR", ": anna: no column 'Rot[5]'"),
         ("\n2\t0.01000\t", "\n2\t0.01000\tleft", ":7: could not convert string to float: 'left500.00000'"),
         ("\n2\t0.01000\t500.00000\t", "\n2\t0.01000\t", ":7: found 18 cells; expected 19"),
+        ("\n2\t0.01000\t", "\n2\t\t", ":7: Time: found nothing"),
         ("\t0.40000\t1.00000\t", "\t0.40000\t-1.00000\t", ":6: anna: Rot[0] to Rot[8]: expected a rotation"),
     ],
 )
