@@ -213,8 +213,10 @@ def rectified_rig(
     Raises
     ------
     VfoaError
-        If a number is not finite, or a length is not positive.
+        If there is no image, a number is not finite, or a length is not positive.
     """
+    if np.ndim(left) < 2:
+        raise VfoaError(f"rectified_rig: left: expected an image (H, W, 3), found {type(left).__name__}")
     height, width = np.shape(left)[:2]
     try:
         return StereoRig(
@@ -238,7 +240,7 @@ _Choice = tuple[Any, Settings]
 def _choose(registry: Registry, tables: Mapping[str, Mapping[str, Any]]) -> _Choice | None:
     table, _, key = registry.kind.partition(".")
     settings = dict(tables[table])
-    name = registry.resolve(settings.pop(key))
+    name = registry.resolve(str(settings.pop(key)))
     if name == "none" and registry.kind in _OPTIONAL:
         return None
     stage = registry.load(name)

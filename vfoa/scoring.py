@@ -11,7 +11,7 @@ their number alone gives no interval.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -151,7 +151,7 @@ def _names(values: Iterable[Any], what: str, words: Collection[str]) -> NDArray[
 
     Of the words that cannot be a target's name, only ``words`` and :data:`NOWHERE` are taken.
     """
-    if isinstance(values, str | bytes | Mapping) or getattr(values, "ndim", 1) != 1:
+    if isinstance(values, str | bytes | Mapping | Set) or getattr(values, "ndim", 1) != 1:
         shape = getattr(values, "shape", "")
         raise VfoaError(f"score: {what}: found {type(values).__name__} {shape}; expected a list or one column")
     names = np.array([_name(value) for value in values], dtype=np.str_)

@@ -54,9 +54,13 @@ def _set(value: object, name: str, given: ArrayLike, dtype: DTypeLike, *shape: i
     Arrays of another dtype are refused, not converted: a silent copy of an image costs time, and an integer disparity
     has usually lost its sixteenths. Plain sequences of numbers are converted.
     """
-    array = given.view() if isinstance(given, np.ndarray) else np.asarray(given, dtype=dtype)
+    expected = np.dtype(dtype).name
+    try:
+        array = given.view() if isinstance(given, np.ndarray) else np.asarray(given, dtype=dtype)
+    except (TypeError, ValueError):  # such as None, which cv2.imread returns for a file that is not there
+        found = type(given).__name__
+        raise ValueError(f"{type(value).__name__}.{name}: expected an array of {expected}, found {found}") from None
     if array.dtype != dtype:
-        expected = np.dtype(dtype).name
         raise ValueError(f"{type(value).__name__}.{name}: expected dtype {expected}, found {array.dtype.name}")
     if array.shape != shape and (
         array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True))
@@ -366,9 +370,11 @@ class Box3D:
         _set(self, "center_m", self.center_m, np.float64, 3)
         _set(self, "half_size_m", self.half_size_m, np.float64, 3)
         _set(self, "left_from_box", self.left_from_box, np.float64, 3, 3)
-        if not (np.isfinite(self.center_m).all() and (self.half_size_m > 0).all()):
+        numbers = np.concatenate([self.center_m, self.half_size_m, self.left_from_box.ravel()])
+        if not (np.isfinite(numbers).all() and (self.half_size_m > 0).all()):
             raise ValueError(
-                f"Box3D: expected a finite centre and positive half sizes, found {self.center_m} and {self.half_size_m}"
+                "Box3D: expected finite numbers and positive half sizes, found "
+                f"{self.center_m}, {self.half_size_m} and {self.left_from_box.tolist()}"
             )
 
 

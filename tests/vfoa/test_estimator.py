@@ -8,6 +8,7 @@ import sys
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -193,11 +194,17 @@ def test_without_a_direction_the_look_says_why(percepts: Percepts) -> None:
     assert math.isnan(look.attention)
 
 
-def test_images_of_another_size_leave_the_memory_as_it_was(percepts: Percepts) -> None:
+@pytest.mark.parametrize("wrong", [BLACK[:-1], None])
+def test_wrong_images_leave_the_memory_as_it_was(wrong: Any, percepts: Percepts) -> None:
     follower = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH).follow(percepts.rig)
     with pytest.raises(vfoa.VfoaError, match="frame 0"):
-        follower.step(BLACK[:-1], BLACK)
+        follower.step(wrong, BLACK)
     assert follower.step(BLACK, BLACK).result.scene.index == 0
+
+
+def test_a_rig_needs_an_image() -> None:
+    with pytest.raises(vfoa.VfoaError, match="left: expected an image"):
+        vfoa.rectified_rig(cast("Any", None), fx_px=1, cx_px=0, cy_px=0, baseline_m=1)
 
 
 @pytest.mark.parametrize(
@@ -205,6 +212,7 @@ def test_images_of_another_size_leave_the_memory_as_it_was(percepts: Percepts) -
     [
         ({"stereo.matcher": "sgmb"}, "'sgbm'"),
         ({"sterio.matcher": "bm"}, "'stereo'"),
+        ({"gaze.model": None}, "gaze.model: no 'None'"),
         ({"stereo.min_depth": 1}, "stereo.min_depth"),
         ({"gaze.model": "gaze360", "gaze.weights": "x.onnx"}, "gaze.model"),
         ({"attention.method": "bayes", "attention.smoothing": "both"}, "attention.method"),

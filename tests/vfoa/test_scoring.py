@@ -164,6 +164,7 @@ def test_calibration_is_the_distance_of_confidence_from_the_share_of_right_answe
         (["cup"], np.array([["cup"]]), None, "answers: found ndarray \\(1, 1\\)"),
         (pd.DataFrame({"truth": ["cup"]}), ["cup"], None, "truth: found DataFrame"),
         ({"a": "cup"}, ["cup"], None, "truth: found dict"),
+        ({"cup"}, ["cup"], None, "truth: found set"),
         (["cup"] * 3, "cup", None, "answers: found str"),
         (["cup"], ["cup"], {"cup": [0.5, 0.5]}, "'cup'.*\\(2,\\).*\\(1,\\)"),
         (["cup"], ["cup"], {"cup": [1.5]}, "'cup'.*0 to 1.*1.5"),

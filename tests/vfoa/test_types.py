@@ -130,8 +130,14 @@ WRONG = [
         "crop: expected shape",
         lambda: HeadView(head=make_person().view.head, head_pose=None, gaze=None, crop=image()[0]),
     ),
-    ("finite centre and positive half sizes", lambda: make_box((0, 0, 1), (1, 1, 0))),
-    ("finite centre and positive half sizes", lambda: make_box((0, np.nan, 1))),
+    ("left: expected an array of uint8, found NoneType", lambda: frame(left=None)),
+    ("finite numbers and positive half sizes", lambda: make_box((0, 0, 1), (1, 1, 0))),
+    ("finite numbers and positive half sizes", lambda: make_box((0, 0, 1), (1, 1, np.inf))),
+    ("finite numbers and positive half sizes", lambda: make_box((0, np.nan, 1))),
+    (
+        "finite numbers and positive half sizes",
+        lambda: Box3D(center_m=np.zeros(3), half_size_m=np.ones(3), left_from_box=np.full((3, 3), np.nan)),
+    ),
     ("center_m: expected shape .3.", lambda: make_box((0, 1))),
     (
         "points_left: expected dtype float32",
