@@ -76,7 +76,8 @@ class FinishedRun:
     def read_so_far(cls, directory: RunDirectory) -> FinishedRun:
         """Read the manifest; of a run that is not finished, the part on what is complete, with a note that says so.
 
-        What is complete are the clips that are finished under each configuration that is finished on any clip.
+        What is complete are the clips that are finished under each configuration that is finished on any clip, under
+        all of its seeds.
 
         Raises
         ------
@@ -88,7 +89,8 @@ class FinishedRun:
             return cls.read(directory)
         pairs = product((clip.name for clip in whole.clips), whole.configurations)
         done = {pair for pair in pairs if directory.is_finished(pair)}
-        begun = [name for name in whole.configurations if any(name == configuration for _, configuration in done)]
+        lacking = {base_of(name) for name in whole.configurations.keys() - {name for _, name in done}}
+        begun = [name for name in whole.configurations if base_of(name) not in lacking]
         clips = [clip for clip in whole.clips if all((clip.name, name) in done for name in begun)]
         if not (begun and clips):
             raise VfoaError(f"{directory.path}: this run has no complete clip yet{_how_to_go_on(directory)}")
@@ -300,17 +302,21 @@ _FOUND = {0: "nobody", 1: "one person at most"}
 def _left_out(run: RunManifest) -> tuple[set[str], set[str], list[str]]:
     """The clips on which everything failed, the configurations that failed on another clip, and a note for each.
 
-    A configuration that ran on only some of the clips would have a rate over other frames than the rest of the table.
+    A configuration that ran on only some of the clips, or under some of its seeds on one, would have a rate over other
+    frames than the rest of the table.
     """
     counts = Counter(failure.clip for failure in run.failed)
     clips = {clip for clip, count in counts.items() if count == len(run.configurations)}
-    configurations = {failure.configuration for failure in run.failed if failure.clip not in clips}
+    lacking = {base_of(failure.configuration) for failure in run.failed if failure.clip not in clips}
+    configurations = {name for name in run.configurations if base_of(name) in lacking}
     notes: dict[str, str] = {}
     for failure in run.failed:
+        name = base_of(failure.configuration)
         if failure.clip in clips:
             notes.setdefault(failure.clip, f"left out, every configuration failed: {failure.error}")
         else:
-            notes.setdefault(failure.configuration, f"left out, failed on {failure.clip}: {failure.error}")
+            under = "" if name == failure.configuration else f" under {failure.configuration}"
+            notes.setdefault(name, f"left out, failed on {failure.clip}{under}: {failure.error}")
     return clips, configurations, [f"{name}: {reason}" for name, reason in notes.items()]
 
 

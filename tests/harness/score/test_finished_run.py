@@ -12,6 +12,7 @@ from harness.annotate.correction import choices
 from harness.annotate.history import History
 from harness.clips.manifest import load_manifest
 from harness.labels.labels import timeline_of
+from harness.report.write import rescore
 from harness.run.directory import LOCK, RunDirectory
 from harness.run.manifest import AnswerTraits, RunManifest
 from harness.run.notes import Note, NoteKind
@@ -166,6 +167,25 @@ def test_a_run_of_a_built_in_clip_has_the_names_of_a_copy_of_its_manifest(
     assert of_ben() == [("teddy", "teddy"), ("teddy", "teddy"), ("teddy", "bowl")]
     assert copy in directory.inputs
     assert "teddy" in choices(directory, "studio_talk", "ben")
+
+
+def test_a_configuration_that_lost_a_seed_is_left_out(tmp_path: Path) -> None:
+    """Its rates would be of other frames, and it could not be compared with the others."""
+    names = ("one.seed1", "one.seed2", "two.seed1", "two.seed2")
+    records = [of for name in names[:3] for of in answers(["cup", "can"], clip="a", configuration=name)]
+    failed = {"clip": "a", "configuration": names[3], "error": "out of memory"}
+    about = {"configurations": {name: {} for name in names}, "failed": [failed], "notes": []}
+    directory = write_run(tmp_path / "run", records, clips=[write_clip(tmp_path, "a", ["cup", "cup"])], **about)
+    scored = rescore(directory)
+    assert scored.scored_configurations == ("one",)
+    assert [note.text for note in scored.notes] == ["two: left out, failed on a under two.seed2: out of memory"]
+    directory.write_manifest(directory.read_manifest().model_copy(update={"finished": None, "failed": []}))
+    write_text(directory.partial(("a", "one.seed1"), "csv"), "")
+    with pytest.raises(VfoaError, match="no complete clip yet"):
+        FinishedRun.read_so_far(directory)
+    for name in names[1:3]:
+        write_text(directory.partial(("a", name), "csv"), "")
+        assert [*FinishedRun.read_so_far(directory).manifest.configurations] == ["one.seed1", "one.seed2"]
 
 
 def test_the_columns_of_a_configuration_are_those_of_its_seeds(tmp_path: Path) -> None:
