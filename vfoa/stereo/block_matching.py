@@ -47,6 +47,9 @@ SIXTEENTHS = 16
 """OpenCV's matchers return int16 disparities in sixteenths of a pixel."""
 CONFIDENCE_SCALE = 255.0
 """OpenCV's confidence runs from 0 to 255."""
+MOST_CHECKED_PX, MOST_CHECKED_CAP = 21, 31
+"""Greatest block, and cap of gradients, with which OpenCV can check a block match from the right view. With larger ones
+it writes sums of 32 bits and reads 16 (stereobm.cpp of 4.x and 5.0): the check would depend on what was in memory."""
 PARTS = 2
 """OpenCV divides the image among its threads, and pixels beside a division differ by a sixteenth: it is always two."""
 
@@ -67,17 +70,23 @@ class _Matcher(ABC, Generic[MatcherSettings]):
 
     @abstractmethod
     def _build(self, disparities: DisparityRange) -> Any:
-        """Return OpenCV's matcher of the left view, with the settings of this method alone."""
+        """Return OpenCV's matcher of one view, which keeps every match."""
+
+    @abstractmethod
+    def _let_check(self, matcher: Any) -> None:
+        """Let OpenCV's matcher drop what is matched otherwise from the right view, and speckles."""
 
     def _create(self, disparities: DisparityRange) -> Any:
         """Return OpenCV's matcher of the left view."""
-        settings, matcher = self._settings, self._build(disparities)
-        matcher.setUniquenessRatio(0 if settings.wls else settings.uniqueness_percent)
-        if not settings.wls:
-            matcher.setDisp12MaxDiff(settings.left_right_px)
-            matcher.setSpeckleWindowSize(settings.speckle_size_px)
-            matcher.setSpeckleRange(settings.speckle_range_px)
+        matcher = self._build(disparities)
+        if not self._settings.wls:
+            matcher.setUniquenessRatio(self._settings.uniqueness_percent)
+            self._let_check(matcher)
         return matcher
+
+    def _checked(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
+        """Return the disparities of the left view that pass all checks."""
+        return self._pair.left(left, right, matched, reached)
 
     def match(self, frame: StereoFrame) -> Disparity:
         """Match one pair (see :class:`vfoa.stereo.StereoMatcher`).
@@ -116,7 +125,7 @@ class _Matcher(ABC, Generic[MatcherSettings]):
             guide = cut(frame.left, reached.times(self._factor))
             sixteenths, confidence = self._wls.filter(*self._pair.both(left, right, matched, reached), guide)
         else:
-            sixteenths, confidence = enlarged(self._pair.left(left, right, matched, reached), self._factor), None
+            sixteenths, confidence = enlarged(self._checked(left, right, matched, reached), self._factor), None
         origin = reached.times(self._factor)
         disparity: Map = np.divide(cropped(sixteenths, origin, region), SIXTEENTHS, dtype=np.float32)
         known = disparity > self._range.first_px
@@ -132,10 +141,9 @@ class _Matcher(ABC, Generic[MatcherSettings]):
         settings = self._settings
         self._range = disparity_range(rig, settings.min_depth_m)
         searched = self._range.shrunk(self._factor)
-        left = self._create(searched)
         self._pair = PairMatcher(
-            left_matcher=left,
-            right_matcher=cv2.ximgproc.createRightMatcher(left),
+            left_matcher=self._create(searched),
+            right_matcher=self._build(searched.of_right_view),
             searched=searched,
             block_size_px=settings.block_size_px,
         )
@@ -159,8 +167,30 @@ class BlockMatcher(_Matcher[BlockMatcherSettings]):
         matcher = cv2.StereoBM.create(disparities.count, settings.block_size_px)
         matcher.setMinDisparity(disparities.first_px)
         matcher.setPreFilterCap(settings.pre_filter_cap)
-        matcher.setTextureThreshold(0 if settings.wls else settings.texture_threshold)
+        matcher.setTextureThreshold(0)
+        matcher.setUniquenessRatio(0)
         return matcher
+
+    def _let_check(self, matcher: Any) -> None:
+        settings = self._settings
+        matcher.setTextureThreshold(settings.texture_threshold)
+        if self._opencv_checks:
+            matcher.setDisp12MaxDiff(settings.left_right_px)
+            matcher.setSpeckleWindowSize(settings.speckle_size_px)
+            matcher.setSpeckleRange(settings.speckle_range_px)
+
+    @property
+    def _opencv_checks(self) -> bool:
+        settings = self._settings
+        return settings.block_size_px <= MOST_CHECKED_PX and settings.pre_filter_cap <= MOST_CHECKED_CAP
+
+    def _checked(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
+        if self._opencv_checks:
+            return super()._checked(left, right, matched, reached)
+        settings = self._settings
+        agreeing = self._pair.agreeing(*self._pair.both(left, right, matched, reached), settings.left_right_px)
+        speckles = settings.speckle_size_px, settings.speckle_range_px
+        return np.asarray(cv2.filterSpeckles(agreeing, self._pair.searched.unknown, *speckles)[0])
 
 
 class SemiGlobalMatcher(_Matcher[SemiGlobalMatcherSettings]):
@@ -182,6 +212,11 @@ class SemiGlobalMatcher(_Matcher[SemiGlobalMatcherSettings]):
             preFilterCap=settings.pre_filter_cap,
             mode=SGBM_MODES[settings.mode],
         )
+
+    def _let_check(self, matcher: Any) -> None:
+        matcher.setDisp12MaxDiff(self._settings.left_right_px)
+        matcher.setSpeckleWindowSize(self._settings.speckle_size_px)
+        matcher.setSpeckleRange(self._settings.speckle_range_px)
 
 
 # The range of disparities
@@ -206,6 +241,16 @@ class DisparityRange:
     def reach_right_px(self) -> int:
         """The same to the right."""
         return max(-self.first_px, 0)
+
+    @property
+    def of_right_view(self) -> DisparityRange:
+        """The range of the right view's disparities, which have the other sign."""
+        return DisparityRange(first_px=1 - self.first_px - self.count, count=self.count)
+
+    @property
+    def unknown(self) -> int:
+        """OpenCV's value of a pixel without a match, sixteenths of a pixel."""
+        return SIXTEENTHS * (self.first_px - 1)
 
     def shrunk(self, factor: int) -> DisparityRange:
         """Return the range in an image with ``factor`` times fewer columns."""
@@ -274,6 +319,15 @@ class PairMatcher:
             of_right = pool.submit(self.right, left, right, reached)
             return self.left(left, right, matched, reached), of_right.result()
 
+    def agreeing(self, of_left: Sixteenths, of_right: Sixteenths, most_px: int) -> Sixteenths:
+        """Return the left view's disparities; unknown where the right view's differ by more whole pixels than that."""
+        left_px, right_px = (_whole_px(disparities) for disparities in (of_left, of_right))
+        columns = np.arange(of_left.shape[1]) - left_px
+        inside = (columns >= 0) & (columns < of_left.shape[1])
+        back_px = np.take_along_axis(right_px, np.where(inside, columns, 0), axis=1)
+        agrees = inside & (back_px >= self.searched.of_right_view.first_px) & (np.abs(left_px + back_px) <= most_px)
+        return np.where(agrees, of_left, self.searched.unknown).astype(np.int16)
+
     def reached(self, matched: Region, limits: Region) -> Region:
         """Return a region extended by the columns in which its matches may lie, clipped to the limits."""
         return replace(
@@ -297,6 +351,11 @@ def with_edge(region: Region, block_size_px: int, *, before: int = 0, after: int
         u1=region.u1 + edge_px + after,
         v1=region.v1 + edge_px + odd,
     )
+
+
+def _whole_px(disparities: Sixteenths) -> NDArray[np.intp]:
+    """The nearest whole numbers of pixels."""
+    return (disparities.astype(np.intp) + SIXTEENTHS // 2) // SIXTEENTHS
 
 
 # Smoothing within the edges of the image (weighted least squares, Min et al. 2014)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,12 +14,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 
 from tests.scenes import make_rig, stereo_planes
 from vfoa.geometry import depth_from_disparity, disparity_from_depth
 from vfoa.stereo import MATCHERS
-from vfoa.stereo.block_matching import SGBM_MODES, DisparityRange, disparity_range
+from vfoa.stereo.block_matching import SGBM_MODES, DisparityRange, PairMatcher, disparity_range
 from vfoa.types import StereoFrame
 
 RIG = make_rig(240, 120)
@@ -25,6 +28,8 @@ PLATE = (slice(30, 90), slice(80, 180))
 CONFIGURATIONS = [
     ("bm", {}),
     ("bm", {"wls": False}),
+    ("bm", {"wls": False, "block_size_px": 23}),
+    ("bm", {"wls": False, "pre_filter_cap": 32}),
     *[("sgbm", {"mode": mode, "wls": wls}) for mode in SGBM_MODES for wls in (True, False)],
 ]
 
@@ -95,8 +100,12 @@ COMMON = {"uniqueness_percent": 7, "left_right_px": 3, "speckle_size_px": 40, "s
 @pytest.mark.parametrize(
     ("name", "settings", "expected"),
     [
-        ("bm", {"texture_threshold": 9}, {"TextureThreshold": 9}),
-        ("sgbm", {"mode": "hh", "p1": 6, "p2": 20}, {"Mode": cv2.STEREO_SGBM_MODE_HH, "P1": 6 * 81, "P2": 20 * 81}),
+        ("bm", {"texture_threshold": 9}, {"TextureThreshold": 9, "SpeckleRange": 5}),
+        (
+            "sgbm",
+            {"mode": "hh", "p1": 6, "p2": 20},
+            {"Mode": cv2.STEREO_SGBM_MODE_HH, "P1": 6 * 81, "P2": 20 * 81, "SpeckleRange": 5},
+        ),
     ],
 )
 def test_every_setting_reaches_opencv(name, settings, expected):
@@ -104,8 +113,63 @@ def test_every_setting_reaches_opencv(name, settings, expected):
         DisparityRange(first_px=3, count=32)
     )
     expected |= {"BlockSize": 9, "PreFilterCap": 20, "MinDisparity": 3, "NumDisparities": 32}
-    expected |= {"UniquenessRatio": 7, "Disp12MaxDiff": 3, "SpeckleWindowSize": 40, "SpeckleRange": 5}
+    expected |= {"UniquenessRatio": 7, "Disp12MaxDiff": 3, "SpeckleWindowSize": 40}
     assert {what: getattr(found, f"get{what}")() for what in expected} == expected
+
+
+@pytest.mark.parametrize("settings", [{}, {"block_size_px": 23}, {"pre_filter_cap": 32}])
+def test_known_matches_are_those_of_the_right_view_too(settings):
+    """Which is, mirrored, the left view of the mirrored pair."""
+    frame, _, _ = stereo_planes(RIG, far_px=8, near_px=24, window=PLATE, noise=40)
+    mirrored = replace(frame, left=frame.right[:, ::-1].copy(), right=frame.left[:, ::-1].copy())
+    all_kept = {"wls": False, "uniqueness_percent": 0, "texture_threshold": 0, "speckle_size_px": 0, **settings}
+    of_right = matcher("bm", **{**all_kept, "left_right_px": 1000}).match(mirrored).disparity_px[:, ::-1]
+    found = matcher("bm", **all_kept).match(frame).disparity_px
+    rows, columns = np.nonzero(np.isfinite(found))
+    difference = found[rows, columns] - of_right[rows, columns - np.rint(found[rows, columns]).astype(int)]
+    assert (np.abs(difference) <= 1.5).mean() > 0.99
+    assert 0.5 < np.isfinite(found).mean() < np.isfinite(of_right).mean()
+
+
+@given(
+    disparities=arrays(np.int16, (2, 3, 12), elements=st.integers(-6 * 16, 6 * 16)),
+    most_px=st.integers(0, 3),
+)
+def test_a_disparity_is_kept_if_the_right_view_leads_back_to_it(disparities, most_px):
+    searched = DisparityRange(first_px=-2, count=16)
+    of_left, of_right = np.maximum(disparities[0], searched.unknown), -disparities[1]
+    found = PairMatcher(left_matcher=None, right_matcher=None, searched=searched, block_size_px=23).agreeing(
+        of_left, of_right, most_px
+    )
+    for (row, column), sixteenths in np.ndenumerate(of_left):
+        there = column - math.floor(sixteenths / 16 + 0.5)
+        back = math.floor(of_right[row, there] / 16 + 0.5) if 0 <= there < 12 else math.inf
+        agrees = abs(column - there + back) <= most_px
+        assert found[row, column] == (sixteenths if agrees else searched.unknown)
+
+
+def test_a_pixel_without_a_match_in_the_right_view_agrees_with_none():
+    searched = DisparityRange(first_px=0, count=16)
+    pair = PairMatcher(left_matcher=None, right_matcher=None, searched=searched, block_size_px=23)
+    of_left = np.full((1, 40), 15 * 16, np.int16)
+    assert (pair.agreeing(of_left, -of_left, 1)[0, 15:] == 15 * 16).all()
+    unmatched = np.full_like(of_left, searched.of_right_view.unknown)
+    assert (pair.agreeing(of_left, unmatched, 1) == searched.unknown).all()
+
+
+@pytest.mark.parametrize("name", ["bm", "sgbm"])
+def test_both_views_are_matched_alike(planes, name):
+    frame, _, _ = planes
+    ours = matcher(name, block_size_px=9, pre_filter_cap=20)
+    ours.match(frame)
+    right = ours._pair.right_matcher
+    assert {"PreFilterCap": right.getPreFilterCap(), "BlockSize": right.getBlockSize()} == {
+        "PreFilterCap": 20,
+        "BlockSize": 9,
+    }
+    searched = ours._pair.searched
+    assert right.getMinDisparity() == -(searched.first_px + searched.count - 1)
+    assert right.getNumDisparities() == searched.count
 
 
 @pytest.mark.parametrize("name", ["bm", "sgbm"])
