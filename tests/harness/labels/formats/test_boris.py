@@ -148,14 +148,12 @@ def test_a_state_that_begins_after_the_clip_and_never_stops_is_left_out(tmp_path
 
 
 def test_times_are_read_to_the_millisecond(tmp_path: Path) -> None:
-    """As floating point numbers, 8.04 and 16.12 s are a little less, or more, than so many milliseconds."""
-    events = [(time_s, "cup", "") for time_s in (8.04, 8.12, 16.12, 16.2)]
+    """As floating point numbers, 64.24 and 64.4 s are a little less, or more, than so many milliseconds."""
+    events = [(time_s, "cup", "") for time_s in (64.24, 64.28, 64.4, 64.44)]
     path = write_text(tmp_path / "a.boris", _project(o={"type": "MEDIA", "events": _events(*events)}))
-    imported = Boris().read(path, exchange(PlainClip(frames=range(1000)), gaps="none"))
-    assert [row for row in imported.labels.ranges if row.label.target == "cup"] == [
-        row(201, 202, "cup"),
-        row(403, 404, "cup"),
-    ]
+    imported = Boris().read(path, exchange(PlainClip(frames=range(2000)), gaps="none"))
+    cups = [each for each in imported.labels.ranges if each.label.target == "cup"]
+    assert cups == [row(1606, 1606, "cup"), row(1610, 1610, "cup")]
 
 
 CREATED = {"media_info": {"media_creation_time": {"/v/a.mp4": 1_718_000_000}}, "file": {"1": ["/v/a.mp4"]}}

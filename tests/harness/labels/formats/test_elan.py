@@ -184,6 +184,7 @@ SEVERAL = [("the%20sound.wav", 7000), ("side.mp4", None), ("the%20front.mp4", 20
         ([], {"films": {"talk.mp4": 2.0}}, 1),  # the clip's pictures begin later than its film
         ([], {"films": {"talk.mp4": 2.0}, "offset": 0.0}, 51),
         (TALK, {}, 101),
+        ([("sound.wav", 7000), *TALK], {}, 101),
         (TALK, {"offset": -1.0}, 76),
         (SEVERAL, {"films": {"the front.mp4": 0.0}}, 101),
         (SEVERAL, {"film": "side.mp4"}, 51),
@@ -250,6 +251,20 @@ def test_slots_without_times_lie_evenly_between_their_neighbours(
     assert [(label.first_frame, label.last_frame) for label in imported.labels.ranges] == expected
     ordered = sorted(annotations)
     assert [label.label.target for label in imported.labels.ranges] == [value for *_, value in ordered]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        _xml([0, None], WHOLE, [("1", "top", "bird")]),
+        _xml([None, 240], WHOLE, [("1", "top", "bird")]),
+        _xml([0, None, None], _aligned((0, 1, "bird"), (1, 2, "cup"), (2, 1, "none"))),
+    ],
+    ids=["of one without an end", "of one without a start", "slots in a circle"],
+)
+def test_annotations_without_times_are_refused(text: str, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"a\.eaf: tier 'girl' has an annotation without times"):
+        Elan().read(write_text(tmp_path / "a.eaf", text), exchange())
 
 
 def test_annotations_without_a_value_are_left_out_and_counted(tmp_path: Path) -> None:

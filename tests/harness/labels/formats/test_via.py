@@ -141,11 +141,41 @@ def test_the_ids_of_options_are_looked_up(tmp_path: Path, form: Any) -> None:
     assert imported.labels == Labels([row(1, 2, "cup"), row(3, 4, "none"), row(5, 6, "bird", "boy")])
 
 
-def test_several_ticked_boxes_are_no_target(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("ids", "target"), [("0,1", "bird, cup"), ("0,7", "0,7")])
+def test_several_ticked_boxes_are_no_target(tmp_path: Path, ids: str, target: str) -> None:
     attributes = {"1": ("girl", CHECK_BOX, {"0": "bird", "1": "cup"})}
-    text = Annotated(entries=[(0, [0, 0.4], [], {"1": "0,1"})], attributes=attributes).project()
-    with pytest.raises(VfoaError, match="'bird, cup'"):
+    text = Annotated(entries=[(0, [0, 0.4], [], {"1": ids})], attributes=attributes).project()
+    with pytest.raises(VfoaError, match=f"'{target}'"):
         _read(tmp_path / "looks.json", text)
+
+
+def test_a_script_may_have_given_options_ids_with_a_comma(tmp_path: Path) -> None:
+    attributes = {"1": ("girl", SELECT, {"toy, red": "cup", "toy": "bird"})}
+    text = Annotated(entries=[(0, [0, 0.4], [], {"1": "toy, red"})], attributes=attributes).project()
+    assert _read(tmp_path / "looks.json", text).labels == Labels([row(1, 10, "cup")])
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_times_are_read_to_the_millisecond(tmp_path: Path, name: str) -> None:
+    """As floating point numbers, 64.24 and 64.4 s are a little less, or more, than so many milliseconds."""
+    entries: list[Any] = [(0, times, [], {"1": "cup"}) for times in ([64.24, 64.28], [64.4, 64.44])]
+    path = write_text(tmp_path / name, FORMS[name](Annotated(entries=entries)))
+    found = Via().read(path, exchange(PlainClip(frames=range(2000)), gaps="none")).labels.ranges
+    assert [each for each in found if each.label.target == "cup"] == [row(1606, 1606, "cup"), row(1610, 1610, "cup")]
+
+
+@pytest.mark.parametrize("blank", [",,", ", ,"])
+def test_blank_cells_at_the_end_of_rows_are_no_cells(tmp_path: Path, blank: str) -> None:
+    """A spreadsheet program makes all rows as long as the longest one."""
+    text = "".join(f"{line}{blank}\n" for line in LOOKS.segments().splitlines())
+    assert _read(tmp_path / "looks.csv", text, gaps="none").labels.of("girl")[0] == row(1, 2, "bird")
+
+
+def test_an_attribute_without_a_name_is_known_by_its_id(tmp_path: Path) -> None:
+    attributes: Any = {"girl": ("", TEXT, {})}
+    entries: list[Any] = [(0, [0, 0.2], [], {"girl": "cup"}), (0, [0.2, 0.4], [], {"girl": None})]
+    text = Annotated(entries=entries, attributes=attributes).project()
+    assert _read(tmp_path / "looks.json", text).labels == Labels([row(1, 5, "cup")])
 
 
 def test_texts_are_no_ids_of_options(tmp_path: Path) -> None:
@@ -258,6 +288,7 @@ def test_a_wrong_project_is_refused_with_its_key(tmp_path: Path, changed: str, i
         ("looks.csv", '"{""1"": ""cup""}"', '"cup', "looks.csv:7: not CSV"),
         ("looks.csv", '"{""1"": ""cup""}"', '"[""cup""]"', "looks.csv:7: metadata"),
         ("segments.csv", "0.08", "0:08", "segments.csv:4: temporal_segment_end"),
+        ("segments.csv", '""bird""}"', '""bird""}",1', "segments.csv:4: found 6 cells; expected 5"),
         ("segments.csv", "0.08", "-0.08", "segments.csv:4: "),
     ],
 )
