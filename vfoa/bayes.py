@@ -75,24 +75,27 @@ class BayesSettings(MethodSettings):
 class Sights(NamedTuple):
     """The targets of a frame, then those of the last frames that it misses; and the known eye origins (3,) of people.
 
-    ``missed`` is how long each was not seen, by instance id, in the order of the targets; ``time_ns`` is the time
-    of the frame, nanoseconds (None: before the first one).
+    ``missed`` is how long each was not seen, by instance id, in the order of the targets, and ``faceless`` how long
+    eyes were not known; ``time_ns`` is the time of the frame, nanoseconds (None: before the first one).
     """
 
     targets: tuple[Target, ...] = ()
     eyes: Mapping[int, Float] = {}
     missed: Mapping[int, Gap] = {}
+    faceless: Mapping[int, Gap] = {}
     time_ns: int | None = None
 
     def then(self, subject: Subject, scene: Scene, eyes: Mapping[int, Float]) -> Sights:
         """Return those of the next frame: without targets that have no box, and without the subject's own body."""
         boxes = boxes_of_others(subject, scene.targets)
-        missed = frames_missed(self.missed, boxes, seconds_between(self.time_ns, scene.time_ns))
+        dt_s = seconds_between(self.time_ns, scene.time_ns)
+        missed, faceless = frames_missed(self.missed, boxes, dt_s), frames_missed(self.faceless, eyes, dt_s)
         missed.pop(subject.person.instance_id or 0, None)
         known = dict(zip(self.missed, self.targets, strict=True))
         known |= {target.instance.id: target for target in scene.targets if target.instance.id in boxes}
-        eyes = {number: place for number, place in {**self.eyes, **eyes}.items() if number in missed}
-        return Sights(tuple(known[number] for number in missed), eyes, missed, scene.time_ns)
+        places = {**self.eyes, **eyes}
+        eyes = {number: place for number, place in places.items() if number in missed and number in faceless}
+        return Sights(tuple(known[number] for number in missed), eyes, missed, faceless, scene.time_ns)
 
 
 class HeldBelief(NamedTuple):

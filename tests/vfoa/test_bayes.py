@@ -261,6 +261,15 @@ def test_a_face_stays_where_it_was_while_its_head_is_missed() -> None:
     assert found[0] == pytest.approx(found[1])
 
 
+def test_a_face_whose_head_is_missed_for_longer_is_forgotten() -> None:
+    body, sights = make_target(7, make_box((0, 0.7, 2))), Sights()
+    for number in range(PATIENCE + 2):
+        scene = Scene(index=number, time_ns=number * 40_000_000, targets=(body,), people=())
+        sights = sights.then(make_subject(), scene, {} if number else {7: np.ones(3)})
+        assert (7 in sights.eyes) == (number <= PATIENCE)
+        assert (*sights.missed,) == (7,)
+
+
 COUNTED_NS = round(1e9 * COUNTED_S)
 LEARNING = BayesSettings(method="bayes")
 """The error unknown: what is learned of it depends most on how many frames count."""
