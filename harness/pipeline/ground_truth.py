@@ -372,5 +372,6 @@ class SimulatedGaze(_Simulated, TruthGaze):
 
 
 def _towards_camera(person: PersonTruth) -> Float | None:
-    """The unit vector (3,) from the person to the camera; None if the eye origin is not known."""
-    return None if person.eye_origin_left is None else unit(-person.eye_origin_left)
+    """The unit vector (3,) from the person to the camera; None if the eyes are not known, or in its place."""
+    eyes = person.eye_origin_left
+    return None if eyes is None or not eyes.any() else unit(-eyes)

@@ -373,3 +373,10 @@ class TestSimulated:
     def test_a_setting_outside_of_its_range_is_refused(self, wrong: dict[str, float]) -> None:
         with pytest.raises(ValidationError, match=next(iter(wrong))):
             SimulatedGazeSettings(**wrong)
+
+
+def test_a_gain_turns_nobody_towards_a_camera_at_their_eyes() -> None:
+    stage = SimulatedGaze(SimulatedGazeSettings(error_deg=0, gain=0.5), FakeClip())
+    assert stage.of_person(1, person(1, eye_origin_left=np.zeros(3))).direction == pytest.approx(GAZES[1])
+    turned = stage.of_person(1, person(1, eye_origin_left=np.array([0.0, 0, 2])))
+    assert angle_between(turned.direction, (0, 0, -1)) == pytest.approx(angle_between(GAZES[1], (0, 0, -1)) / 2)
