@@ -104,9 +104,14 @@ class Film:
         if tag := _END.fullmatch(self._stream.metadata.get("DURATION", "")):
             hours, minutes, seconds = map(Fraction, tag.groups())
             end_s = 3600 * hours + 60 * minutes + seconds
-        if "matroska" not in self._container.format.name:
+        if not re.search("matroska|flv", self._container.format.name):
             begin_s -= Fraction(self._container.start_time or 0, 10**6)
         return max(end_s - begin_s, Fraction(0))
+
+    @property
+    def reorders(self) -> bool:
+        """Whether pictures may be shown in another order than that of their packets."""
+        return bool(self._stream.codec_context.has_b_frames)
 
     @property
     def pixel_aspect(self) -> Fraction:

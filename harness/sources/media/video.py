@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -194,12 +195,14 @@ def _indexed(path: Path) -> _Index:
             raise _without_times(path, "a raw stream of JPEG pictures, which have no times")
         stated, claimed, tick_ns = film.stated_hz, film.stated_frames, film.tick_ns
         packets = film.packet_stamps()
-    stamps = _frames_of_packets(path, packets) or _frames(path)
+    known = sorted(stamp for stamp in packets if stamp is not None)
+    stamps = _frames_of_packets(path, packets, known) or _frames(path)
     if not stamps:
         raise VfoaError(f"{path}: no frame can be read; expected a video that is not damaged")
     if len(stamps) > 1 and len(set(stamps)) == 1:
         raise _without_times(path, f"its {len(stamps)} frames have no times (a raw stream?)")
-    times_ns, untimed = _ascending([None if stamp is None else round(stamp * tick_ns) for stamp in stamps], stated)
+    in_time = packets if packets == known and len(packets) == len(stamps) else stamps  # AVI counts its packets
+    times_ns, untimed = _ascending([None if stamp is None else round(stamp * tick_ns) for stamp in in_time], stated)
     span_s = (times_ns[-1] - times_ns[0]) / 1e9
     mean = round((len(stamps) - 1) / span_s, 3) if span_s > 0 else None
     agrees = mean is None or abs((stated or 0) / mean - 1) < RATE_TOLERANCE
@@ -216,17 +219,18 @@ def _indexed(path: Path) -> _Index:
     return _Index(stamps=tuple(stamps), times_ns=tuple(times_ns), rate_hz=rate_hz, turn=turn, notes=tuple(notes))
 
 
-def _frames_of_packets(path: Path, packets: Sequence[int | None]) -> list[int | None]:
+def _frames_of_packets(path: Path, packets: Sequence[int | None], known: Sequence[int]) -> list[int | None]:
     """The stamps of packets in ascending order, if each is one of a frame; none if that cannot be told.
 
-    It can if decoding starts and ends with the first and the last packet: edit lists and cuts hide some packets.
+    It can if decoding starts and ends with the first and the last packet: edit lists and cuts hide some packets. Where
+    packets ascend and pictures are reordered, the first pictures ascend, too, unless their stamps count the packets.
     """
-    known = sorted(stamp for stamp in packets if stamp is not None)
     if not known or len(set(known)) != len(packets):
         return []
     with Film(path) as film:
-        begin = film.next_picture()
-        if begin is None or begin.pts != known[0]:
+        looked_at = 2 * STEP if film.reorders and packets == known else 1
+        first = [picture.pts for picture in islice(film.pictures(), looked_at)]
+        if first[:1] != known[:1] or None in first or first != sorted(first):
             return []
         for margin in (1, *_MARGINS):
             end = film.last_picture(known[max(len(known) - margin, 0)])
