@@ -102,7 +102,7 @@ class AzureKinectClip:
 
     @cached_property
     def rate_hz(self) -> float | None:
-        """Rate from the median step of the times, to 0.001 Hz."""
+        """Rate from the median step of the times."""
         return rate_of(colour.time_ns for colour, _ in self._frames)
 
     def time_ns(self, number: int) -> int:

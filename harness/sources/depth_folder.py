@@ -137,7 +137,7 @@ class DepthFolderClip:
 
     @cached_property
     def rate_hz(self) -> float | None:
-        """Frames per second: by the manifest's rate, else from the median step of the times, to 0.001 Hz."""
+        """Frames per second: by the manifest's rate, else from the median step of the times."""
         if self._settings.rate_hz:
             return self._settings.rate_hz / usual_step(self.frames)
         return rate_of(self._files.times_ns.values()) if self._files.times_ns else None

@@ -112,7 +112,7 @@ class RecordingClip:
 
     @cached_property
     def rate_hz(self) -> float | None:
-        """Rate from the median step of the stamps, to 0.001 Hz."""
+        """Rate from the median step of the stamps."""
         return rate_of(places.left.stamp_ns for places in self._frames)
 
     def time_ns(self, number: int) -> int:

@@ -23,6 +23,11 @@ def test_the_rate_of_times_that_are_not_rounded_is_of_the_median_step() -> None:
     assert rate_of([7]) is None
 
 
+def test_the_rate_of_pictures_that_are_far_apart_is_not_rounded() -> None:
+    """An hour apart, it was 0, which is not known; ten minutes apart, 0.002 Hz."""
+    assert rate_of([0, 3600 * 10**9, 7200 * 10**9]) == pytest.approx(1 / 3600)
+
+
 @given(left=STAMPS, right=STAMPS, tolerance=st.integers(0, 100))
 def test_pairs_are_close_in_order_and_use_nothing_twice(left: list[int], right: list[int], tolerance: int) -> None:
     pairs = join_times(left, right, tolerance)
