@@ -14,7 +14,8 @@ often on /tf, too: they are bodies where they are named, or where a recording ha
 Messages of bodies have their own times and rates. A frame begins with the first message that is in no frame yet, and
 lasts until a body in it is sent again, at most the step (median) of the body with the shortest one. It has the message
 of each body that is nearest to its beginning; a body is lost in a frame if that is more than one and a half of the
-body's own steps away. A pose that was sent once, or on /tf_static, holds in all frames.
+body's own steps away. A pose that was sent once, or on /tf_static, holds in all frames; that on /tf_static does not
+count where /tf has the frame, too.
 """
 
 from __future__ import annotations
@@ -203,9 +204,10 @@ def _trajectories(
                         '(stamps = "log" in [source] joins them by the time of recording)'
                     )
                 key = composed(f"/{topic.lstrip('/')}") if child is None else child
-                trajectory = trajectories.setdefault(
-                    key, _Trajectory(where if child is None else f"{where}: {child}", is_static, _is_estimate(kind))
-                )
+                new = _Trajectory(where if child is None else f"{where}: {child}", is_static, _is_estimate(kind))
+                trajectory = trajectories.setdefault(key, new)
+                if trajectory.is_static and not is_static:  # a default: what moves is measured
+                    trajectory = trajectories[key] = new
                 if trajectory.is_static == is_static:
                     trajectory.add(file, parent, stamp_ns if stamps == "header" else log_ns, cells)
     if not trajectories:

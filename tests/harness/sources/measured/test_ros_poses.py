@@ -206,6 +206,7 @@ def humans(write: Messages) -> None:
     gaze = Rotation.from_euler("xyz", [-90, 0, -90], degrees=True).as_quat()
     write.transform("/tf_static", START_NS, "base_link", "camera_optical", [0, 0, 1.2], optical)
     write.transform("/tf_static", START_NS, "map", "cup", [3, 1, 0.8], STILL)
+    write.transform("/tf_static", START_NS, "map", "base_link", [9, 9, 0], STILL)  # a default: the robot moves
     for step in range(20):
         stamp_ns = START_NS + step * STEP_NS
         write.transform("/tf", stamp_ns, "map", "base_link", [step / 100, 0, 0], STILL)
