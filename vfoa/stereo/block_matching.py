@@ -177,7 +177,7 @@ class BlockMatcher(_Matcher[BlockMatcherSettings]):
         if self._opencv_checks:
             matcher.setDisp12MaxDiff(settings.left_right_px)
             matcher.setSpeckleWindowSize(settings.speckle_size_px)
-            matcher.setSpeckleRange(settings.speckle_range_px)
+            matcher.setSpeckleRange(SIXTEENTHS * settings.speckle_range_px)  # that of StereoSGBM is in pixels
 
     @property
     def _opencv_checks(self) -> bool:
@@ -189,7 +189,7 @@ class BlockMatcher(_Matcher[BlockMatcherSettings]):
             return super()._checked(left, right, matched, reached)
         settings = self._settings
         agreeing = self._pair.agreeing(*self._pair.both(left, right, matched, reached), settings.left_right_px)
-        speckles = settings.speckle_size_px, settings.speckle_range_px
+        speckles = settings.speckle_size_px, SIXTEENTHS * settings.speckle_range_px
         return np.asarray(cv2.filterSpeckles(agreeing, self._pair.searched.unknown, *speckles)[0])
 
 

@@ -100,7 +100,7 @@ COMMON = {"uniqueness_percent": 7, "left_right_px": 3, "speckle_size_px": 40, "s
 @pytest.mark.parametrize(
     ("name", "settings", "expected"),
     [
-        ("bm", {"texture_threshold": 9}, {"TextureThreshold": 9, "SpeckleRange": 5}),
+        ("bm", {"texture_threshold": 9}, {"TextureThreshold": 9, "SpeckleRange": 5 * 16}),
         (
             "sgbm",
             {"mode": "hh", "p1": 6, "p2": 20},
@@ -115,6 +115,32 @@ def test_every_setting_reaches_opencv(name, settings, expected):
     expected |= {"BlockSize": 9, "PreFilterCap": 20, "MinDisparity": 3, "NumDisparities": 32}
     expected |= {"UniquenessRatio": 7, "Disp12MaxDiff": 3, "SpeckleWindowSize": 40}
     assert {what: getattr(found, f"get{what}")() for what in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [("bm", {}), ("bm", {"block_size_px": 23}), ("bm", {"pre_filter_cap": 32}), ("sgbm", {})],
+)
+def test_a_slanted_surface_is_no_speckle(name, settings):
+    """Its neighbours differ by a sixth of a pixel, and by more than one pixel within any region of 400."""
+    frame, truth = _slanted(slope=1 / 6)
+    every = {"wls": False, "uniqueness_percent": 0, "speckle_size_px": 400, "speckle_range_px": 1}
+    found = matcher(name, **every, **settings).match(frame).disparity_px
+    inner = (slice(20, -20), slice(80, -20))
+    assert (np.abs(found - truth)[inner] < 1).mean() > 0.8
+
+
+def _slanted(slope):
+    """A surface with texture whose disparity grows by ``slope`` px along columns and rows, and its disparity."""
+    rows, columns = np.indices((RIG.height_px, RIG.width_px), dtype=np.float32)
+    disparity = 4 + slope * (columns + rows)
+    texture = cv2.GaussianBlur(
+        np.random.default_rng(1).uniform(0, 255, disparity.shape).astype(np.float32), (0, 0), 1.2
+    )
+    texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX)
+    of_right = cv2.remap(texture, (columns + 4 + slope * rows) / (1 - slope), rows, cv2.INTER_LINEAR)
+    left, right = (np.repeat(view[..., None], 3, axis=2).astype(np.uint8) for view in (texture, of_right))
+    return StereoFrame(index=0, time_ns=0, left=left, right=right, rig=RIG), disparity
 
 
 @pytest.mark.parametrize("settings", [{}, {"block_size_px": 23}, {"pre_filter_cap": 32}])
