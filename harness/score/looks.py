@@ -114,7 +114,8 @@ def correlation_time_s(sequences: Iterable[tuple[Flags, Codes, float | None]]) -
     Returns
     -------
     float
-        At most about the length of the longest sequence; 0 if verdicts do not change, or change as independent ones.
+        At most 60, also where no sequence lasts so long: then they change once, or few times. 0 if verdicts do not
+        change, or change as independent ones.
     """
     squares, counts = np.zeros(len(_LAGS_S)), np.zeros(len(_LAGS_S))
     for right, positions, rate in sequences:
