@@ -12,6 +12,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.files.safe_names import composed
 from harness.sources import AnyClip
 from vfoa import scoring
 
@@ -31,7 +32,8 @@ class Label:
     """The target of a subject: a name of the manifest, ``none`` or ``ignore``; ``point_px``: its image point, if noted.
 
     ``tags`` are words that frames are selected by, such as ``occluded``, each once and in order.
-    ``is_suggested`` marks a program's proposal that no person has confirmed: it is never scored.
+    ``is_suggested`` marks a program's proposal that no person has confirmed: it is never scored. Accents of the note
+    are in their letters, as in a file that is read.
     """
 
     target: str
@@ -39,6 +41,9 @@ class Label:
     point_px: tuple[float, float] | None = None
     is_suggested: bool = False
     tags: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "note", composed(self.note))
 
     @property
     def is_placeholder(self) -> bool:

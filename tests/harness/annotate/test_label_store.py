@@ -175,6 +175,16 @@ def test_notes_and_tags_stay_with_their_label_in_the_file_and_after_a_restart(
     assert _again(store).track("ann")[3] == Mark(target="ignore", note=note, tags=("child", "far"))
 
 
+def test_a_note_whose_accents_are_signs_of_their_own_can_be_undone_after_a_restart(store: LabelStore) -> None:
+    """As text from a file on macOS. The file has them in their letters, and is no other program's."""
+    _range(store, 0, LAST, "cup")
+    _note(store, 0, "le\u0301ger")
+    again = _again(store)
+    assert again.track("ann")[0] == Mark(target="cup", note="l\u00e9ger")
+    again.step_back("undo")
+    assert again.track("ann")[0] == Mark(target="cup")
+
+
 def test_a_new_target_keeps_the_tags_of_the_frames_and_a_range_their_note(store: LabelStore) -> None:
     _range(store, 0, LAST, "cup")
     _range(store, 3, 4, "ignore")
