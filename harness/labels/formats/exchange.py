@@ -217,18 +217,17 @@ class Exchange:
         Raises
         ------
         VfoaError
-            If neither the clip nor ``fps`` gives the frame rate.
+            If neither the clip nor ``fps`` gives the frame rate, or, as in a run by an earlier version, the times.
         """
-        if self.fps is None and self.rate_hz is None:
-            raise VfoaError(
-                "--fps: missing; expected it, since the clip's frame rate is not known and this format holds times"
-            )
+        own = self.timeline.times_ns
         begin_s = next(iter(self.films.values()), 0.0) if self.offset is None else self.offset
         if self.fps is not None and self.has_images:
             times_ns = [round(place * 1e9 / self.fps) for place in self.places]
-        else:
-            own = self.timeline.times_ns
+        elif own and (self.fps or self.rate_hz):
             times_ns = [time - own[0] for time in own]
+        else:
+            unknown = "clip's frame rate is" if own else "times of the clip's frames are"
+            raise VfoaError(f"--fps: missing; expected it, since the {unknown} not known and this format holds times")
         begin_ns = round(Decimal(str(begin_s)) * 10**9)  # a float of ns since 1970 is off by up to 128 ns
         times_ns = [time + begin_ns for time in times_ns]
         return in_ms(replace(self.timeline, frames=self.frames, times_ns=times_ns))

@@ -53,7 +53,7 @@ def write_run(
     *,
     probabilistic: bool = True,
     films: dict[str, float] | None = None,
-    times_ns: Sequence[int] = (),
+    times_ns: Sequence[int] | None = (),
     passer_by: bool = False,
     has_images: bool = True,
 ) -> Path:
@@ -62,7 +62,7 @@ def write_run(
         other = subject_record(None, totals={1: 0.75}, focus=1, track_id=2)
         records = {frame: replace(each, subjects=(*each.subjects, other)) for frame, each in records.items()}
     names = {"subjects": {each: {} for each in SUBJECTS}, "targets": {each: {} for each in TARGETS}}
-    times = [*times_ns] or [round(frame * 1e9 / RATE_HZ) for frame in records]
+    times = None if times_ns is None else [*times_ns] or [round(frame * 1e9 / RATE_HZ) for frame in records]
     clip = {"name": "clip", "names": names, "frames": list(records), "times_ns": times, "rate_hz": RATE_HZ}
     clip |= {"films": films} if films else {}
     method = {"probabilistic": probabilistic, "says_nowhere": probabilistic}
@@ -129,6 +129,14 @@ def test_predictions_are_at_the_times_of_the_film_that_shows_the_clip(tmp_path: 
     ((path, _),) = export_predictions(run, "elan")
     ((begin, *_),) = Eaf(str(path)).get_annotation_data_for_tier("girl")
     assert begin == 1200
+
+
+def test_predictions_of_a_run_that_saved_no_times_need_a_rate(tmp_path: Path) -> None:
+    run = write_run(tmp_path, ["bird"] * 3, times_ns=None)
+    with pytest.raises(VfoaError, match=r"--fps: missing; .* times of the clip's frames"):
+        [*export_predictions(run, "elan")]
+    ((path, _),) = export_predictions(run, "elan", fps=25.0)
+    assert Eaf(str(path)).get_annotation_data_for_tier("girl")[0][:2] == (0, 100)
 
 
 @pytest.mark.parametrize("has_images", [True, False])

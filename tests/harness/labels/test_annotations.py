@@ -281,6 +281,7 @@ def test_a_mistake_is_named_with_its_line(tmp_path: Path, rows: str, line: int, 
         (b"# vfoa annotations 10,,\n", r"a\.csv:1: found '# vfoa annotations 10,,'"),
         (b"# vfoa annotations 1;x\n", r"a\.csv:1: found '# vfoa annotations 1;x'"),
         (HEAD.encode() + b"1,2,girl,bird,caf\xe9\n", r"a\.csv:3: not UTF-8 .*0xe9"),
+        (POINT_HEAD.replace(",v_px", "").encode() + b"1,2,girl,bird,,5\n", r"a\.csv:2: header .*u_px'"),
         (POINT_HEAD.encode() + b"1,2,girl,bird,,5,\n", r"a\.csv:3: u_px,v_px: found '5,'"),
         (POINT_HEAD.encode() + b"1,2,girl,bird,,5,nan\n", r"a\.csv:3: u_px,v_px"),
         (STATE_HEAD.encode() + b"1,2,girl,bird,,maybe\n", r"a\.csv:3: state: found 'maybe'"),
@@ -310,7 +311,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         _read(tmp_path / "gone.csv")
 
 
-NOTES = st.text(" a,;'\"#é漢\x85\u2028\ufeff", max_size=12)
+NOTES = st.text(" a\u0301,;'\"#é漢\x85\u2028\ufeff", max_size=12)
 POINTS = st.none() | st.tuples(*[st.floats(-1e6, 1e6, allow_nan=False)] * 2)
 LABELS = st.builds(
     Label,
