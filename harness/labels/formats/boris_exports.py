@@ -10,6 +10,7 @@ are those of BORIS's own writer and files (github.com/olivierfriard/BORIS, ``bor
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -56,7 +57,7 @@ def read_export(path: Path, data: bytes) -> dict[str, Any] | None:
 
 def _rows(path: Path) -> list[Row]:
     text = table_text(path)
-    reader = csv.reader(text.splitlines(), delimiter=max("\t,;", key=text.partition("\n")[0].count))
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=max("\t,;", key=text.partition("\n")[0].count))
     try:
         return [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader if any(map(str.strip, cells))]
     except csv.Error as error:

@@ -108,7 +108,7 @@ def read_elan_text(path: Path, *, has_offset: bool, fps: float | None) -> list[T
         If it has no begin and end of annotations, or no tiers, or a film has an offset, which the times may include, or
         time codes of an unknown rate.
     """
-    lines = table_text(path).splitlines()
+    lines = re.split(r"\r\n?|\n", table_text(path))
     first = next((line for line in lines if line.strip() and not line.lstrip('"').startswith("#")), "")
     reader = csv.reader(lines, delimiter="\t", quoting=csv.QUOTE_NONE) if "\t" in first else csv.reader(lines)
     rows: list[Row] = []

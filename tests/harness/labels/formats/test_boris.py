@@ -403,6 +403,11 @@ def test_an_export_is_read_with_what_the_user_says(content: str, how: dict[str, 
     assert Boris().read(write_text(tmp_path / "a.tsv", content), exchange(**how)).labels.ranges == ROWS
 
 
+def test_comments_have_other_signs_that_end_a_line(tmp_path: Path) -> None:
+    content = _table(AGGREGATED, *_aggregated()).replace("eyes shut", "eyes\u2028\x0bshut")
+    assert Boris().read(write_text(tmp_path / "a.tsv", content), exchange()).labels.ranges == ROWS
+
+
 @pytest.mark.parametrize(("kind", "every_s"), [("", None), ("From pictures", 0.0), ("From pictures", 2.0)])
 def test_exported_pictures_are_found_by_their_numbers(kind: str, every_s: float | None, tmp_path: Path) -> None:
     """A time lapse, if the observation has one, and the dates of pictures are written as times."""

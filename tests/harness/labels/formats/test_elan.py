@@ -439,6 +439,13 @@ def test_exported_numbers_are_values_after_times(tmp_path: Path) -> None:
     assert Elan().read(path, exchange(renamed=names)).labels.ranges == (row(2, 4, "bird"), row(5, 5, "none"))
 
 
+def test_exported_lines_end_with_line_breaks_alone(tmp_path: Path) -> None:
+    """Text that people paste has other signs that end a line in Unicode."""
+    rows = ["girl\t\t0.0\t0.08\tbird", "girl:note\t\t0.0\t0.08\tone\u2028two\x0bthree\x85four", ""]
+    path = write_text(tmp_path / "a.txt", "\n".join(rows))
+    assert Elan().read(path, exchange()).labels.ranges == (row(1, 2, "bird", note="one two three four"),)
+
+
 def _codes(*rows: str, standard: str | None) -> str:
     """Begin, end and duration as time codes: with a column for each tier, or without headers."""
     if standard is None:
