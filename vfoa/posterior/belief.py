@@ -63,10 +63,10 @@ class Belief:
 
     ``log_weights`` (K, G) are defined up to a constant; ``looked`` (T, K, G) sums to 1 over the targets. ``leave`` (K,
     G) and ``new`` (T, K, G) are the transition that led to this frame. ``tail`` is the probability, before the frame,
-    of directions that fit worse than the measured ones. ``facing`` (3,) is where the body faces, None before the
-    first head or gaze. ``counts`` says that later frames start from this belief, otherwise from the last one that
-    counts; ``spare_s`` are the seconds that make the next one count earlier
-    (:data:`vfoa.posterior.filter.COUNTED_S`).
+    of directions that fit worse than the measured ones. ``last_head`` (3,) was measured ``headless_s`` seconds ago.
+    ``facing`` (3,) is where the body faces, None before the first head or gaze. ``counts`` says that later frames start
+    from this belief, otherwise from the last one that counts; ``spare_s`` are the seconds that make the next one count
+    earlier (:data:`vfoa.posterior.filter.COUNTED_S`).
     """
 
     keys: Keys
@@ -80,6 +80,7 @@ class Belief:
     error: GazeError | None = None
     motion: Normal | None = None
     last_head: Float | None = None
+    headless_s: float = 0.0
     facing: Float | None = None
     tail: float = 1.0
     counts: bool = True

@@ -47,7 +47,7 @@ ELSEWHERE_DEG = 20.0
 scenes with 15 to 20, rendered clips and a film with 25 to 35."""
 FACING_S = 3.0
 """Time constant of the running mean of the head (of the gaze, if no head is known), which stands for where the body
-faces."""
+faces. A head that was measured longer ago is not known."""
 _LAG_S = 0.35
 """Time constant of the head's movement."""
 _HEAD_BIAS_DEG = 5.0

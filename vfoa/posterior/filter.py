@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vfoa.posterior.belief import Belief, MeasuredCues, Scenery, first_belief, pruned, with_cues
-from vfoa.posterior.cues import facing_after, offsets_of, weighed_gaze, weighed_head
+from vfoa.posterior.cues import FACING_S, facing_after, offsets_of, weighed_gaze, weighed_head
 from vfoa.posterior.grid import PLAUSIBLE_SHARE, Error
 from vfoa.posterior.looks import LEAST, Keys, Ways, columns_of, leaving, new_look, predicted_looks
 from vfoa.types import Float
@@ -63,6 +63,9 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
     # time that is left over makes the next frame count earlier, so that a jitter of the times changes nothing
     budget_s = 2 * COUNTED_S if before is None else min(before.spare_s + dt_s, 2 * COUNTED_S)
     counts = prior is not before or budget_s >= COUNTED_S - _EARLY_S  # the first frame of a cue always does
+    headless_s = prior.headless_s + dt_s if cues.head is None else 0.0
+    if prior.last_head is not None and headless_s > FACING_S:
+        prior = replace(prior, last_head=None)  # of an older one nobody knows where it has turned since
     # the first frame counts in full: no earlier frame shares its error
     power, head_power = (1.0, 1.0) if before is None else (_ERROR_POWER, _HEAD_POWER)
     ways = Ways(columns, *(prior.weights * each for each in (prior.looked, stayed, predicted)))
@@ -88,6 +91,7 @@ def update(before: Belief | None, scenery: Scenery, cues: MeasuredCues, dt_s: fl
         error=gaze_error,
         motion=motion,
         last_head=prior.last_head if cues.head is None else cues.head,
+        headless_s=headless_s,
         facing=facing_after(prior, scenery, cues, dt_s),
         tail=min(1.0, 2 * by_gaze.tail, 2 * by_head.tail),  # of a worse fit of either cue (Bonferroni)
         counts=counts,

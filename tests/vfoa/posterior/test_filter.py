@@ -197,6 +197,16 @@ def test_people_who_look_at_nothing_look_where_their_head_points() -> None:
     assert last.probabilities[-1] > 0.8
 
 
+def test_a_head_of_long_ago_does_not_say_where_nowhere_is() -> None:
+    """Seconds later, a gaze on nothing is no error of a gaze at the targets on the head's side."""
+    scene, kept = scenery(10, 30), round(FACING_S / DT_S)
+    at_target, on_nothing, old_head = perturb(scene.to_camera, np.deg2rad([10, 45, -75]), np.deg2rad([0, 10, 0]))
+    looks_at = [measured(at_target, old_head), *[measured(at_target)] * (2 * kept), *[measured(on_nothing)] * 10]
+    found = beliefs_of(scene, looks_at)
+    assert [belief.last_head is None for belief in (found[kept - 1], found[kept + 1])] == [False, True]
+    assert found[-1].probabilities[-1] > 0.9
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_gaze_alone_at_nothing_is_known_where_targets_are_on_all_sides(seed: int) -> None:
     """Looks of ten frames at points about 90 degrees to the right and 30 up, 5 degrees off; no target is there."""
