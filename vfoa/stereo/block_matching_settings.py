@@ -49,7 +49,8 @@ class BlockMatchingSettings(Settings):
     min_confidence: float = Field(default=0.5, ge=0, le=1)
     """With ``wls``: pixels with a lower confidence, 0 to 1, are unknown."""
     resolution: Literal["full", "half"] = "full"
-    """``half``: match images of half the size, with a quarter of the pixels and half the disparities."""
+    """``half``: match images of half the size, with a quarter of the pixels and half the disparities. Sizes and limits
+    of blocks, speckles and differences are in their pixels."""
     region: Literal["frame", "needed"] = "frame"
     """``needed``: match only the region of objects and heads; ``frame``: match the whole frame."""
     region_margin_px: int = Field(default=16, ge=0)
