@@ -95,9 +95,12 @@ def _wearers(path: Path, recordings: Sequence[str], exchange: Exchange) -> dict[
         (line, header), *rows = even_rows(path)
         recording, name = (_column(header, (each,), f"{path}:{line}") for each in ("recording_id", "recording_name"))
         wearer = next((place for place, each in enumerate(header) if plain_name(each) == "wearer_name"), None)
-        for _, cells in rows:
+        for at, cells in rows:
             if cells[recording] in wearers:
-                ids[cells[name]] = cells[recording]
+                other = ids.setdefault(cells[name], cells[recording])
+                if other != cells[recording] and cells[name] == exchange.observation:
+                    both = f"both {other} and {cells[recording]}"
+                    raise VfoaError(f"{path}:{at}: {cells[name]!r} is the name of {both}; expected --observation ID")
                 if wearer is not None and cells[wearer]:
                     wearers[cells[recording]] = cells[wearer]
     if exchange.observation is None:

@@ -101,6 +101,15 @@ def test_a_wearer_is_a_subject_and_one_recording_may_be_chosen(tmp_path: Path) -
     assert _targets(labels, "girl") == [(3, 3, "none"), (4, 4, "ignore"), (5, 5, "cup")]
 
 
+def test_recordings_of_one_name_are_chosen_by_id(tmp_path: Path) -> None:
+    wearers = "".join(f"s{n},{each},trial,w,Anna,1,2,,\n" for n, each in enumerate((MINE, MINE, OTHER)))
+    path = _export(tmp_path, recordings=(MINE, OTHER), wearers=wearers)
+    names = {"brown cup": "cup", "Anna": "girl"}
+    with pytest.raises(VfoaError, match=rf"sections\.csv:4: 'trial' .*{MINE} and {OTHER}; expected --observation ID"):
+        _read(path, renamed=names, observation="trial")
+    assert _targets(_read(path, renamed=names, observation=MINE)[0], "girl") == EXPECTED
+
+
 def test_the_only_subject_of_a_clip_is_the_wearer_of_the_only_recording(tmp_path: Path) -> None:
     labels, _ = _read(_export(tmp_path), subjects=("girl",))
     assert _targets(labels, "girl") == EXPECTED
