@@ -275,23 +275,29 @@ def _film_offset_ms(observation: Mapping[str, Any], exchange: Exchange, where: s
     lists = observation.get("file")
     lists = lists if isinstance(lists, dict) else {}
     players = {str(player): films for player, films in lists.items() if films and isinstance(films, list)}
-    films = [(player, place, str(film)) for player, listed in players.items() for place, film in enumerate(listed)]
-    chosen = exchange.film_of([film for _, _, film in films], where)
-    player, place, film = next((at for at in films if at[2] == chosen), ("1", 0, ""))
+    places: dict[str, tuple[str, int]] = {}
+    for player, films in players.items():
+        for place, film in enumerate(films):
+            places.setdefault(str(film), (player, place))
+
+    def begin_s(film: str) -> float:
+        player, place = places.get(film, ("1", 0))
+        before = [str(other) for other in players.get(player, ())[:place]]
+        lengths_s = [_number(media.get("length"), other, where, needed=True) for other in before]
+        return _number(media.get("offset"), player, where) + sum(lengths_s)
+
+    chosen = exchange.film_of([*places], where, begin=begin_s) or ""
     if exchange.offset is not None:
         return 0
-    begin_s = _number(observation, "time offset", where) + _number(media.get("offset"), player, where)
-    begin_s += sum(
-        _number(media.get("length"), str(before), where, needed=True) for before in players.get(player, ())[:place]
-    )
+    offset_s = _number(observation, "time offset", where) + begin_s(chosen)
     if observation.get("media_creation_date_as_offset"):
-        created, *others = players.get("1", [film])
+        created, *others = players.get("1", [chosen])
         if others:
             raise VfoaError(
                 f"{where}: times count from the creation of each of several films; expected --offset SECONDS"
             )
-        begin_s += _number(media.get("media_creation_time"), str(created), where, needed=True)
-    return math.floor(round(-begin_s * 1000, 3))
+        offset_s += _number(media.get("media_creation_time"), str(created), where, needed=True)
+    return math.floor(round(-offset_s * 1000, 3))
 
 
 def _number(table: Any, key: str, where: str, *, needed: bool = False) -> float:

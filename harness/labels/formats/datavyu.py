@@ -61,7 +61,7 @@ class Datavyu(ReadOnly):
         """Read them. ``exchange.modifier`` is the code that names the targets, of columns with several."""
         columns, begins_ms = _read_columns(path)
         check_chosen(exchange.modifier, (cell.codes for cells in columns.values() for cell in cells), path)
-        film = exchange.film_of([*begins_ms], path)
+        film = exchange.film_of([*begins_ms], path, begin=begins_ms.get)
         origin_ms, notes = exchange.media_offset(0 if film is None else -begins_ms[film], path)
         tiers = _tiers(columns)
 

@@ -228,7 +228,7 @@ def _share_times(annotations: Iterable[_Annotation], times: dict[str, int | None
 
 def _film_offset_ms(document: _Document, exchange: Exchange) -> int:
     """The offset of the film that shows the clip to the document's time, ms, which ELAN stores as ``TIME_ORIGIN``."""
-    film = exchange.film_of([*document.films], document.path)
+    film = exchange.film_of([*document.films], document.path, begin=document.films.get)
     origin = "0" if film is None else document.films[film]
     try:
         return int(origin)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property
@@ -257,18 +257,32 @@ class Exchange:
         note = f"{where}: {numbers[first]} is read as frame {first} of the film, whose first one is 0"
         return frames, [f"{note}; ffmpeg calls its first picture 1, and counts those that it writes (-r, fps=)."]
 
-    def film_of(self, names: Sequence[str], where: object, *, has_own_times: bool = False) -> str | None:
+    def film_of(
+        self,
+        names: Sequence[str],
+        where: object,
+        *,
+        has_own_times: bool = False,
+        begin: Callable[[str], object] = lambda name: None,
+    ) -> str | None:
         """The film of a document that shows the clip, out of their paths or addresses; None if it has no film.
 
-        ``has_own_times``: each film has times of its own, so that an ``offset`` does not choose between them.
+        ``has_own_times``: each film has times of its own, so that an ``offset`` does not choose between them. ``begin``
+        is when a film begins in the times of all.
 
         Raises
         ------
         VfoaError
-            If there are several, and neither their names nor ``film`` tell; or if when the clip begins in it is not
-            known: it is no film of the clip's, which begins within its own.
+            If there are several, and neither their names nor ``film`` tell, or those of one name begin at other times;
+            or if when the clip begins in it is not known: it is no film of the clip's, which begins within its own.
         """
         film = self._chosen_film(names, where, has_own_times)
+        alike = [name for name in names if film is not None and file_name(name) == file_name(film)]
+        if self.offset is None and len({*map(begin, alike)}) > 1:
+            raise VfoaError(
+                f"{where}: found films of one name that begin at different times, {', '.join(alike)}; expected "
+                "--offset SECONDS, where the clip begins"
+            )
         own, begin_s = next(iter(self.films.items()), ("", 0.0))
         if film is None or self.offset is not None or abs(begin_s) * (self.rate_hz or 0) < _SEEN:
             return film

@@ -15,7 +15,7 @@ and no options. The forms are those of VIA's own code (github.com/ox-vgg/via,
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -188,6 +188,11 @@ def _of_project(data: bytes, path: Path) -> tuple[list[_Entry], list[str]]:
                 has_region=bool(held.xy),
                 values=_texts(held.av, project.attribute, where),
             )
+        )
+    shown = Counter(films[vid] for vid in {str(held.vid) for held in project.metadata.values()})
+    if twice := next((name for name, count in shown.items() if count > 1), None):
+        raise VfoaError(
+            f"{path}: found segments of {shown[twice]} films called {twice!r}; expected one: remove the others in VIA"
         )
     return entries, list(dict.fromkeys(films.values()))
 

@@ -241,6 +241,18 @@ def test_a_given_offset_replaces_what_an_observation_does_not_say(observation: d
     assert Boris().read(path, exchange(films={"front.mp4": 0.0}, offset=3.0)).labels.ranges == TURNS
 
 
+def test_films_of_one_name_are_told_apart_by_their_time_alone(tmp_path: Path) -> None:
+    """Cameras give the same names to their films."""
+    players, front = {"1": ["/side/a.mp4"], "2": ["/front/a.mp4"]}, {"films": {"a.mp4": 0.0}}
+    path = write_text(tmp_path / "a.boris", _turns(3.0, file=players, media_info={"offset": {"2": 3.0}}))
+    for how in (front, {"film": "a.mp4"}):
+        with pytest.raises(VfoaError, match=r"/side/a\.mp4, /front/a\.mp4; expected --offset SECONDS"):
+            Boris().read(path, exchange(**how))
+        assert Boris().read(path, exchange(**how, offset=3.0)).labels.ranges == TURNS
+    write_text(path, _turns(0.0, file=players))
+    assert Boris().read(path, exchange(**front)).labels.ranges == TURNS
+
+
 @pytest.mark.parametrize("how", [{"film": "front.mp4"}, {"offset": 3.0}])
 def test_the_film_or_its_time_is_given_where_none_is_the_clips_own(how: dict[str, Any], tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.boris", _turns(3.0, **OTHERS))

@@ -223,6 +223,9 @@ def test_the_offset_of_a_film_is_told_and_a_choice_of_films_asked_for(tmp_path: 
     path = _document(tmp_path / "a.eaf", ("girl", 0, 80, "bird"), films=TALK)
     assert f"{path}: an offset of 2 s is added to its times." in Elan().read(path, exchange()).notes
     assert "is not used: --offset" in Elan().read(path, exchange(offset=-1.0)).notes[0]
+    twice = [("side/talk.mp4", 0), ("front/talk.mp4", 2000)]
+    with pytest.raises(VfoaError, match=r"side/talk\.mp4, .*front/talk\.mp4; expected --offset"):
+        Elan().read(_document(tmp_path / "c.eaf", ("girl", 0, 80, "bird"), films=twice), exchange(film="talk.mp4"))
     with pytest.raises(VfoaError, match=r"side\.mp4, the front\.mp4.*--film NAME"):
         Elan().read(_document(tmp_path / "b.eaf", ("girl", 0, 80, "bird"), films=SEVERAL), exchange())
 

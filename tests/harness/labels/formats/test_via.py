@@ -237,6 +237,15 @@ def test_one_of_several_films_is_chosen(tmp_path: Path, name: str) -> None:
             _read(tmp_path / name, text, **more)
 
 
+def test_segments_of_two_films_of_one_name_are_not_mixed(tmp_path: Path) -> None:
+    entries: list[Any] = [(0, [0, 0.2], [], {"1": "cup"}), (1, [0.2, 0.4], [], {"1": "bird"})]
+    films = ["a.mp4", "a.mp4"]
+    with pytest.raises(VfoaError, match=r"looks\.json: found segments of 2 films called 'a\.mp4'"):
+        _read(tmp_path / "looks.json", Annotated(entries=entries, films=films).project())
+    one = _read(tmp_path / "looks.json", Annotated(entries=entries[:1], films=films).project())
+    assert one.labels == Labels([row(1, 5, "cup")])
+
+
 @pytest.mark.parametrize(("name", "counts"), [("looks.json", (2, 1)), ("looks.csv", (2, 1)), ("segments.csv", (0, 3))])
 def test_regions_and_times_without_an_end_are_counted(tmp_path: Path, name: str, counts: tuple[int, int]) -> None:
     """The table of segments does not say what is a region."""
