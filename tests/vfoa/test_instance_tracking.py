@@ -95,6 +95,14 @@ def test_an_object_is_the_one_that_it_overlaps_most() -> None:
     assert numbers([before, after]) == [{1: 1, 2: 2}, {2: 1, 1: 2}]
 
 
+def test_of_the_parts_of_an_object_the_larger_one_is_it() -> None:
+    """Twelve of its twenty columns, and eight: both overlap it enough."""
+    whole, ids = frame({1: (50, 20), 2: (150, 30)}), frame({5: (50, 20), 2: (150, 30)}).ids.copy()
+    ids[:, 62:70][ids[:, 62:70] == 5] = 3
+    parts = Instances(ids=ids, instances=tuple(replace(whole.instances[0], id=number) for number in (2, 3, 5)))
+    assert numbers([whole, parts])[1] == {2: 2, 3: 3, 5: 1}
+
+
 @pytest.mark.parametrize("missed", [0, 1, PATIENCE])
 @pytest.mark.parametrize(("by", "is_same"), [(10, True), (11, False)])
 def test_masks_of_two_frames_are_one_object_if_they_overlap_enough(by: int, is_same: bool, missed: int) -> None:
@@ -249,6 +257,16 @@ def test_an_object_with_a_name_is_known_by_it() -> None:
         frame({1: (50, 20), 2: (75, 20)}, names={1: "ben's", 2: "anna's"}),
     ]
     assert numbers(frames)[1] == {1: 2, 2: 1}
+
+
+def test_an_object_that_gets_a_name_keeps_its_number_and_is_known_by_it_wherever_it_is() -> None:
+    there = {1: (50, 20), 2: (150, 30)}
+    moved = frame({7: (100, 20), 8: (50, 20), 2: (150, 30)}, names={7: "mug"})
+    assert numbers([frame(there), frame(there, names={1: "mug"}), moved])[1:] == [{1: 1, 2: 2}, {7: 1, 8: 8, 2: 2}]
+
+
+def test_an_object_of_another_name_in_the_same_place_is_another_one() -> None:
+    assert numbers([frame({1: (50, 20)}, names={1: name}) for name in ("anna's", "ben's")]) == [{1: 1}, {1: 2}]
 
 
 def test_ids_that_the_source_keeps_stay_and_are_taken_by_nothing_else() -> None:
