@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.scenes import make_rig
-from vfoa.segmentation.key_frames import carry, motion_between, no_motion, shrunk
+from vfoa.segmentation.key_frames import KeyFrameSegmenter, carry, motion_between, no_motion, path_to, shrunk
 from vfoa.types import Image, Instance, Instances, Mask, StereoFrame
 
 WIDTH, HEIGHT = 320, 240
@@ -86,6 +87,24 @@ def test_an_object_too_fast_for_one_step_is_followed_over_several() -> None:
     found = carried(cup(box(20, 80)), *moved)
     assert found is not None
     assert overlap(found.mask(CUP.id), box(84, 80)) > 0.5
+
+
+class OnFirst:
+    """A segmenter that finds the cup where it is in the first frame."""
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        return cup(box(20, 80))
+
+
+@pytest.mark.parametrize("asked", [range(9), [8]], ids=["in order", "the last one alone"])
+def test_a_segmenter_on_key_frames_follows_an_object_from_frame_to_frame(asked: Sequence[int]) -> None:
+    moved = [frame(scene(box(20 + 8 * n, 80), 8 * n), n) for n in range(9)]
+    segmenter = KeyFrameSegmenter(OnFirst(), lambda number: path_to(number, range(9), 9), moved.__getitem__)
+    *_, found = [segmenter.segment(moved[number]) for number in asked]
+    expected = carried(cup(box(20, 80)), *moved)
+    assert expected is not None
+    assert found.carried_from == 0
+    assert np.array_equal(found.ids, expected.ids)
 
 
 def test_what_was_lost_once_stays_lost() -> None:
