@@ -15,8 +15,8 @@ from pydantic import Field
 from harness.files.digests import digest_files
 from harness.files.io import read_bytes
 from harness.sources import Recognised, Truth, check_number, given_root
-from harness.sources.calibration import Calibration
-from harness.sources.media.images import read_raw, read_rgb, width_by_height
+from harness.sources.calibration import Calibration, check_size
+from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.maps import read_disparity, small_ids
 from harness.sources.stereo_pairs import check_sizes
 from vfoa.errors import VfoaError, did_you_mean
@@ -183,10 +183,7 @@ class SintelClip:
 
     def _check_size(self, path: Path, pixels: NDArray[Any]) -> None:
         """Reject a map that has not the images' size."""
-        height, width = self._size
-        if pixels.shape != (height, width):
-            expected = f"{width} x {height}, as the scene's images have"
-            raise VfoaError(f"{path}: found {width_by_height(pixels)} pixels; expected {expected}")
+        check_size(pixels.shape[::-1], self._size[::-1], f"{path}: found a map", "as the scene's images have")
 
     @cached_property
     def _size(self) -> tuple[int, int]:

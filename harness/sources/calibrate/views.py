@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from harness.sources.calibration import check_size
 from vfoa.errors import VfoaError, check_known
 from vfoa.types import Float, Image
 
@@ -134,9 +135,7 @@ def find_views(
             left, right = read(number)
             own_px = left.shape[1], left.shape[0]
             size_px = size_px if any(size_px) else own_px
-            if own_px != size_px:
-                found, expected = (f"{width} x {height}" for width, height in (own_px, size_px))
-                raise VfoaError(f"found images of {found} pixels; expected {expected}, as in the first pair")
+            check_size(own_px, size_px, "found images", "as in the first pair")
             views.append(_view(number, left, right, board))
         except VfoaError as error:
             dropped[number] = str(error)

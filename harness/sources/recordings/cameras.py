@@ -116,9 +116,7 @@ class PairCameras:
             raise VfoaError(f"found a left image of {sizes} pixels; expected the same size")
         rectifier, depth = self._at(*stamps_ns), self._recording.streams.depth
         if depth is not None and depth_m is not None:
-            if depth_m.shape != left.shape[:2]:
-                found, expected = (width_by_height(pixels) for pixels in (depth_m, left))
-                raise VfoaError(f"{depth.name}: depth of {found} pixels; expected {expected}, as the images have")
+            check_size(depth_m.shape[::-1], left.shape[1::-1], f"{depth.name}: depth", "as the images have")
             if not rectifier.keeps_left:
                 raise VfoaError(
                     f"{depth.name} belongs to the left image before rectification, which rotates it; expected "

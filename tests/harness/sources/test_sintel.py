@@ -149,7 +149,7 @@ def test_a_file_that_is_not_called_as_a_frame_is_none(root: Path, name: str) -> 
 def test_a_truth_of_another_size_is_one_line(root: Path, kind: str) -> None:
     path = write_image(root / f"training/{kind}/alley/frame_0001.png", np.zeros((1, WIDTH, 3), np.uint8))
     clip = SintelClip(SintelSettings(scene="alley"), root)
-    with pytest.raises(VfoaError, match=rf"{path}: found 64 x 1 pixels.*64 x 48"):
+    with pytest.raises(VfoaError, match=rf"{path}: found a map of 64 x 1 pixels.*64 x 48"):
         clip.truth(1)
 
 
