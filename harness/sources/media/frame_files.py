@@ -70,7 +70,8 @@ def walk_files(root: Path, suffixes: frozenset[str] | None) -> Iterator[tuple[Pa
     for folder, subfolders, files in os.walk(root):
         relative = Path(folder).relative_to(root)
         no_frames = {"ambient"} if "calib.txt" in files else set()
-        no_frames |= {Path(name).stem + ".png" for name in files if name.endswith(".yml")}
+        previews = {Path(name).stem + ".png" for name in files if name.endswith(".yml")} & {*files}
+        no_frames |= previews if len(previews) == 1 else set()  # of more, each image has a file of its own
         names = [name for name in sorted(files) if suffixes is None or Path(name).suffix.lower() in suffixes]
         yield relative, [name for name in names if not name.startswith(".") and name not in no_frames]
         is_deep = len(relative.parts) >= DEPTH

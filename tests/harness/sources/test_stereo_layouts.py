@@ -168,6 +168,13 @@ def test_the_preview_of_a_calibration_is_no_frame(tmp_path: Path) -> None:
     assert find_layouts(tmp_path) == ()
 
 
+def test_images_with_a_file_of_their_own_beside_each_are_frames(tmp_path: Path) -> None:
+    for image in _write_pairs(tmp_path, "left/{}.png", "right/{}.png").rglob("*.png"):
+        write_text(image.with_suffix(".yml"), "exposure: 3")
+    (found,) = find_layouts(tmp_path)
+    assert found.source == {"layout": "images", "left": "left", "right": "right"}
+
+
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [("a.mp4", b"", "not a readable video"), ("a.png", b"\x89PNG\r\n\x1a\n", "truncated PNG")],
