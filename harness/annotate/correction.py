@@ -21,9 +21,8 @@ from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route
 
 from harness.annotate.actions import mark_range
-from harness.annotate.clip_stores import open_store
+from harness.annotate.clip_stores import open_store, undo_command
 from harness.clips.manifest import ClipManifest, manifest_of_run
-from harness.files.safe_names import vfoa_command
 from harness.labels.labels import RESERVED, timeline_of
 from harness.report.write import refresh
 from harness.run.directory import RunDirectory
@@ -170,7 +169,8 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
 
     def show(request: Request) -> Response:
         query = parse(LabelQuery, {**request.query_params}, "label")
-        subjects = tuple(_manifest(directory, query.clip).subjects)
+        manifest = _manifest(directory, query.clip)
+        subjects = tuple(manifest.subjects)
         if not subjects:
             raise VfoaError(
                 f"{query.clip}: found no subject in its manifest; expected [subjects.NAME], a person to label"
@@ -183,8 +183,7 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
             return JSONResponse(
                 {"subjects": subjects, "subject": subject, "targets": targets, "target": look.target, **ends}
             )
-        annotator = directory.read_manifest().scored_annotator
-        undo = vfoa_command("labels", "undo", query.clip, *(["--annotator", annotator] if annotator else []))
+        undo = undo_command(manifest, directory.read_manifest().scored_annotator)
         return _page(_form(query, subject, targets, look, undo))
 
     def change(body: str) -> Response:
