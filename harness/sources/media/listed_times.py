@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.files.dialects import check_width, plain_name, table_rows
-from harness.files.io import read_text
+from harness.files.dialects import check_width, plain_name, table_rows, table_text
 from harness.sources.media.frame_files import IMAGE_SUFFIXES
 from harness.sources.media.frame_times import DATE, SINCE_1970_NS, TICKS_NS, UNIT_OF_DIGITS, StampUnit, date_ns
 from vfoa.errors import VfoaError, listed, reported_as
@@ -19,6 +18,7 @@ from vfoa.errors import VfoaError, listed, reported_as
 _FILES = re.compile(r"(?:(?:(?:frame|image|left|rgb|colou?r)_)?timestamps|times)\.(?:txt|csv)", re.IGNORECASE)
 """The name of such a file: KITTI's, and people's."""
 _NUMBER = re.compile(r"[0-9]{1,19}(?:\.[0-9]{0,20})?(?:[eE][+-]?[0-9]{1,2})?")  # np.savetxt writes 18 decimals
+_CELL = re.compile(rf"{DATE.pattern}|[^,;\s]+")
 _UNITS: dict[str, StampUnit] = {"sec": "s", "seconds": "s", "msec": "ms", **{unit: unit for unit in TICKS_NS}}
 """Units at the end of a column's name."""
 _TIMES = frozenset({"timestamp", "timestamps", "time_stamp", "time", "times", "ts", "t"})
@@ -78,9 +78,11 @@ def _check_are_seconds(times_ns: Sequence[int], path: Path) -> None:
 
 
 def _bare_lines(path: Path) -> list[tuple[int, str]]:
-    numbered = enumerate(read_text(path).splitlines(), start=1)
+    """Lines of one cell, or those of the times beside frames; other lines are whole."""
+    numbered = enumerate(table_text(path).splitlines(), start=1)
     lines = [(number, text) for number, line in numbered if (text := line.strip()) and not text.startswith("#")]
-    return _beside_frames([(number, re.split(r"[,;\s]+", text)) for number, text in lines]) or lines
+    rows = [(number, [cell[0] for cell in _CELL.finditer(text)]) for number, text in lines]
+    return _beside_frames(rows) or lines
 
 
 def _beside_frames(rows: Sequence[tuple[int, Sequence[str]]]) -> list[tuple[int, str]] | None:
@@ -101,12 +103,12 @@ def _are_frames(cells: Sequence[str]) -> bool:
 
 def _column_of_times(path: Path) -> tuple[list[tuple[int, str]], StampUnit | None]:
     """Lines and cells of a table's column of times, and the unit that its name says; one column may have no name."""
+    lines = _bare_lines(path)
+    if lines and all(_line_is_time(text) for _, text in lines[1:]):  # blanks in a date separate no columns
+        is_bare = _line_is_time(lines[0][1])
+        return (lines, None) if is_bare else (lines[1:], _find_column([lines[0][1]], path)[1])
     rows = table_rows(path)
     header = rows[0][1] if rows else []
-    if len(header) == 1 and _line_is_time(header[0]):
-        return [(line, cells[0]) for line, cells in rows], None
-    if (without_header := _beside_frames(rows)) is not None:
-        return without_header, None
     place, unit = _find_column(header, path)
     for line, cells in rows:
         check_width(cells, header, f"{path}:{line}")
