@@ -109,6 +109,8 @@ def _column_of_times(path: Path) -> tuple[list[tuple[int, str]], StampUnit | Non
         return (lines, None) if is_bare else (lines[1:], _find_column([lines[0][1]], path)[1])
     rows = table_rows(path)
     header = rows[0][1] if rows else []
+    if (without_header := _beside_frames(rows)) is not None:
+        return without_header, None
     place, unit = _find_column(header, path)
     for line, cells in rows:
         check_width(cells, header, f"{path}:{line}")

@@ -255,6 +255,7 @@ TENTHS = (0, 1, 5)
         ("timestamps.csv", ["timestamp", *(f"2026-11-28 09:00:00.{tenths}" for tenths in TENTHS)]),
         ("times.txt", [f"{number} 2026-11-28 09:00:00.{tenths}" for number, tenths in enumerate(TENTHS)]),
         ("times.csv", [f"2026-11-28 09:00:00.{tenths}+05:30,left/{tenths}.jpg" for tenths in TENTHS]),
+        ("times.csv", [f'"left view/{tenths}.jpg","{1_718_000_000 + tenths / 10}"' for tenths in TENTHS]),
         ("times.txt", [f"{number:06d} {tenths / 10:.6f}" for number, tenths in enumerate(TENTHS)]),
         ("times.txt", [f"{1_718_000_000_123_456_789 + tenths * 10**8}, left/{tenths}.jpg" for tenths in TENTHS]),
         ("times.csv", [f"{number},{1_718_000_000 + tenths / 10}" for number, tenths in enumerate(TENTHS, start=7)]),
