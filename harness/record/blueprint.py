@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.components import AbsoluteTimeRange
 
 from harness.record import entities
 from harness.record.layers import LayerNames
@@ -37,7 +38,8 @@ class ClipContent:
 
     ``per_second`` is how many numbers of frames a second has.
     ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres. ``span`` is the
-    first and the last frame, None if they are not known yet. ``is_from_0``: its times begin near 0, unlike those of
+    first and the last frame, None if they are not known yet; ``opens_at`` the frame that is shown first, None for the
+    first one. ``is_from_0``: its times begin near 0, unlike those of
     a clock. ``curves`` are the entity paths of attention that have values; ``probabilistic`` the configurations in
     which these are probabilities.
     """
@@ -48,6 +50,7 @@ class ClipContent:
     eye: tuple[Float, Float]
     per_second: float
     span: tuple[int, int] | None = None
+    opens_at: int | None = None
     is_from_0: bool = True
     curves: frozenset[str] = frozenset()
     probabilistic: frozenset[str] = frozenset()
@@ -89,12 +92,21 @@ def comparison_layout(
 def _blueprint(content: rrb.Container, shown: ClipContent) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
-        rrb.TimePanel(timeline="frame", play_state="paused", fps=shown.per_second, state="collapsed"),
+        _time_panel(shown),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,
         auto_layout=False,
     )
+
+
+def _time_panel(shown: ClipContent) -> rrb.TimePanel:
+    panel = partial(rrb.TimePanel, timeline="frame", fps=shown.per_second, state="collapsed")
+    if shown.opens_at is None:
+        return panel(play_state="paused")
+    # the viewer opens at the first frame, unless it plays others: it plays this one until the cursor is moved
+    chosen = AbsoluteTimeRange(shown.opens_at, shown.opens_at)
+    return panel(play_state="playing", loop_mode="selection", time_selection=chosen)
 
 
 def _by_subject(names: Sequence[str], first: str | None, build: Callable[[str | None], rrb.Container]) -> rrb.Container:

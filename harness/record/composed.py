@@ -144,7 +144,7 @@ class RecordedClip:
             files=tuple(dict.fromkeys(file for layer in self.layers for file in self.files.of(layer))),
             clip=self.files.clip,
             frames=self.frames,
-            make_layout=lambda subject: make_layout(self.layers, _content([self]), self.subjects, subject),
+            make_layout=lambda subject: make_layout(self.layers, content_of([self]), self.subjects, subject),
         )
 
 
@@ -160,11 +160,11 @@ def common_layout(clips: Sequence[RecordedClip]) -> rrb.Blueprint:
 
     layers = list(dict.fromkeys(layer for clip in clips for layer in clip.layers))
     people = {clip.subjects for clip in clips}
-    return clip_layout(layers, _content(clips), people.pop() if len(people) == 1 else (), None)
+    return clip_layout(layers, content_of(clips), people.pop() if len(people) == 1 else (), None)
 
 
-def _content(clips: Sequence[RecordedClip]) -> ClipContent:
-    """What the files of clips hold together; the rate is the first one's."""
+def content_of(clips: Sequence[RecordedClip]) -> ClipContent:
+    """What the files of clips hold together; the rate is the first one's. Raises as :func:`common_layout`."""
     from harness.record import entities
     from harness.record.blueprint import ClipContent, eye_on
     from harness.record.reading import RecordingFile, first_shapes

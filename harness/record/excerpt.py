@@ -12,7 +12,8 @@ from rerun.chunk import Chunk
 
 from harness.files.io import replacing
 from harness.record import entities
-from harness.record.composed import RecordedClip
+from harness.record.blueprint import clip_layout
+from harness.record.composed import RecordedClip, content_of
 from harness.record.images import key_frame_every
 from harness.record.layer_file import write_whole
 from harness.record.reading import RecordingFile, has_video
@@ -22,8 +23,8 @@ from vfoa.errors import VfoaError
 def write_excerpt(clip: RecordedClip, subject: str | None, frame: int, margin: int, excerpt: Path) -> None:
     """Write a frame and ``margin`` neighbours on either side of all layers, with all static data.
 
-    It opens in the layout of these frames, with the subject's tab in front. With a video it begins at the preceding key
-    frame, since decoding begins there.
+    It opens at the frame, in the layout of these frames, with the subject's tab in front. With a video it begins at the
+    preceding key frame, since decoding begins there.
 
     Raises
     ------
@@ -42,7 +43,8 @@ def write_excerpt(clip: RecordedClip, subject: str | None, frame: int, margin: i
     inside = clip.frames[first : place + margin + 1]
     ids = RecordingFile(recording.files[0]).ids
     ids = ids._replace(recording=f"{ids.recording}-{frame}")
-    layout = replace(clip, frames=inside).compose().layout(subject)
+    shown = replace(content_of([replace(clip, frames=inside)]), opens_at=frame)
+    layout = clip_layout(clip.layers, shown, clip.subjects, subject)
     with replacing(excerpt) as draft:
         chunks = _all_cut(recording.files, inside[0], inside[-1])
         write_whole(draft, ids, layout, chunks)

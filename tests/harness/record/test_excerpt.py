@@ -43,7 +43,7 @@ def test_an_excerpt_is_whole_and_holds_the_frames_around_one(
         expected = {f: value for f, value in whole.at(path, component).items() if f in kept}
         assert part.at(path, component) == expected
     assert list(part.at(SUMMARY, "TextDocument:text")) == kept
-    # a video is decoded from the key frame before; a viewer opens at the first frame, so that it has everything
+    # a video is decoded from the key frame before, where everything else is there, too
     assert list(part.at(entities.IMAGE, "VideoStream:sample")) == kept
     guide = (entities.GUIDE, "TextDocument:text")
     assert part.static(*guide) == whole.static(*guide)

@@ -310,6 +310,17 @@ def test_the_real_viewer_goes_from_clip_to_clip_and_shows_the_tabs_it_is_told(fr
 
 
 @needs_vulkan
+def test_the_real_viewer_opens_an_excerpt_at_its_frame(frames, record_run, tmp_path):
+    excerpt = tmp_path / "excerpt.rrd"
+    write_excerpt(find_clips(record_run(frames).run, None, None)[0], None, 13, 2, excerpt)
+    with viewer._viewer(["--headless"]) as (_, client):
+        client.open(str(excerpt))
+        viewer._settled_picture(client)
+        (shown,) = client.get_state().recordings
+        assert (shown.current_timeline, shown.current_time) == ("frame", 13)
+
+
+@needs_vulkan
 def test_two_runs_of_one_clip_in_one_viewer_have_panes_of_their_own(frames, tmp_path, monkeypatch):
     clients, connect = [], viewer._connect
     monkeypatch.setattr(viewer, "_connect", lambda *what: clients.append(connect(*what)) or clients[-1])
