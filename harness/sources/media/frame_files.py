@@ -133,10 +133,10 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
             "expected the images of one clip, whose names differ in a frame number, or a pattern with %d for it"
         )
     columns = list(zip(*runs.values(), strict=True))
-    varying = {place: column for place, column in enumerate(columns) if len(set(map(int, column))) > 1}
+    varying = _varying(columns)
     dates = find_dates([os.path.splitext(name)[0] for name in names])
     if dates is None:
-        numbers = _numbers_of(_with_decimals(first, columns, varying))
+        numbers = _numbers_of(with_decimals(first, columns))
     else:
         beside = [column for place, column in varying.items() if place not in dates.runs]
         numbers = _numbers_of([list(map(str, dates.times)), *beside])
@@ -170,16 +170,19 @@ _FEWERDIGITS = 3
 """By how many digits an index is shorter than a stamp beside it."""
 
 
-def _with_decimals(
-    name: str, columns: Sequence[Sequence[str]], varying: Mapping[int, Sequence[str]]
-) -> list[Sequence[str]]:
+def _varying(columns: Sequence[Sequence[str]]) -> dict[int, Sequence[str]]:
+    """The numbers that differ between names, by their place."""
+    return {place: column for place, column in enumerate(columns) if len(set(map(int, column))) > 1}
+
+
+def with_decimals(name: str, columns: Sequence[Sequence[str]]) -> list[Sequence[str]]:
     """The numbers that differ between names such as this one; seconds with decimals become ms, us or ns, and ms ns.
 
     Such are ``1718000000.123456``, ``1718000000_123456789`` and ``1718000000123.45678``, also where all have the same
     decimals or the same seconds, and ``12.300000`` of a simulation, if these are not an index. Those of several lengths
     stay apart: it is not known what they count.
     """
-    spans = [match.span() for match in DIGITS.finditer(name)]
+    spans, varying = [match.span() for match in DIGITS.finditer(name)], _varying(columns)
 
     def has_decimals(place: int) -> bool:
         after = columns[place + 1]
@@ -192,7 +195,7 @@ def _with_decimals(
             return between in {*("._-" if digits == 9 else "." if digits < 9 else "")}
         return between == "." and digits in _CLOCKDIGITS and _is_clock(columns[place], after)
 
-    def with_decimals(place: int) -> list[str]:
+    def joined(place: int) -> list[str]:
         is_ms = _MILLISECONDS.fullmatch(columns[place][0])
         width = 6 if is_ms else math.ceil(len(columns[place + 1][0]) / 3) * 3
         both = zip(columns[place], columns[place + 1], strict=True)
@@ -202,7 +205,7 @@ def _with_decimals(
     seconds = {place for place in pairs if has_decimals(place)}
     decimals = {place + 1 for place in seconds}
     return [
-        with_decimals(place) if place in seconds else column
+        joined(place) if place in seconds else column
         for place, column in enumerate(columns)
         if place not in decimals and place in seconds | varying.keys()
     ]

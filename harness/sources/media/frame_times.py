@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from harness.files.ascending import usual_step
-from harness.sources.media.frame_files import DIGITS
+from harness.sources.media.frame_files import DIGITS, with_decimals
 from vfoa.times import FRAME_S
 
 StampUnit = Literal["s", "ms", "us", "ns"]
@@ -57,15 +57,15 @@ def stamp_unit(numbers: Iterable[int]) -> StampUnit | None:
 def times_beside(files: Mapping[int, Path]) -> dict[int, int] | None:
     """The times since 1970 in ns that stand beside the numbers of frames in their names; None if there are none.
 
-    ``frame_000001_1718000000123.png``: one run of digits that ascends with the frames, and has a unit.
+    ``frame_000001_1718000000123.png``: one number (seconds with their decimals) ascends with the frames and has a unit.
     """
     first = next(iter(files.values())).stem
     if len(files) < 2 or max(map(len, DIGITS.findall(first)), default=0) < _SHORTEST_STAMP:
         return None
-    rows = [[int(digits) for digits in DIGITS.findall(path.stem)] for path in files.values()]
+    rows = [DIGITS.findall(path.stem) for path in files.values()]
     if len({*map(len, rows)}) != 1:
         return None
-    columns = [list(column) for column in zip(*rows, strict=True)]
+    columns = [[*map(int, column)] for column in with_decimals(first, list(zip(*rows, strict=True)))]
     stamps = [
         (column, unit)
         for column in columns

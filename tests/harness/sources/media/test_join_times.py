@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.sources.media.frame_times import join_times, rate_of, stamp_unit
+from harness.sources.media.frame_times import join_times, rate_of, stamp_unit, times_beside
 
 STAMPS = st.lists(st.integers(0, 1000), max_size=30).map(sorted)
 
@@ -70,3 +72,12 @@ def test_a_time_without_a_pair_leaves_the_nearer_one_to_its_neighbour() -> None:
 )
 def test_the_unit_of_times_since_1970_is_told_by_their_digits(numbers: tuple[int, int], unit: str | None) -> None:
     assert stamp_unit(numbers) == unit
+
+
+@pytest.mark.parametrize("name", ["{:06d}_{}.{:06d}.png", "{:d}-{}.{:06d}_left.png", "{:04d}_{}_{:06d}000.png"])
+def test_seconds_beside_the_number_of_a_frame_have_their_decimals(name: str) -> None:
+    """Pictures that are seconds apart had the times of whole seconds, others none."""
+    for step_us in (1_600_000, 40_000):
+        times_us = {number: 1_718_000_000_500_000 + number * step_us for number in (9, 10, 11)}
+        files = {number: Path(name.format(number, *divmod(us, 10**6))) for number, us in times_us.items()}
+        assert times_beside(files) == {number: 1000 * us for number, us in times_us.items()}
