@@ -78,14 +78,14 @@ def depth_from_disparity(disparity_px: ArrayLike, rig: StereoRig) -> Float:
     z = fx B / (d + cx_right - cx).
     """
     shifted = np.asarray(disparity_px, dtype=np.float64) + (rig.cx_right_px - rig.cx_px)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore"):
         return np.where(shifted > 0, rig.fx_px * rig.baseline_m / shifted, np.nan)
 
 
 def disparity_from_depth(depth_m: ArrayLike, rig: StereoRig) -> Float:
     """Disparity in pixels for depths of any shape; the inverse of :func:`depth_from_disparity`."""
     depth = np.asarray(depth_m, dtype=np.float64)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore"):
         disparity = rig.fx_px * rig.baseline_m / depth - (rig.cx_right_px - rig.cx_px)
     return np.where(depth > 0, disparity, np.nan)
 
@@ -119,8 +119,6 @@ def left_from_crop(ray_left: ArrayLike) -> Float:
 def _frame_of_one(x: float, y: float, z: float) -> Float:
     """The same numbers for one ray, in a third of the time."""
     length = math.sqrt(x * x + y * y + z * z)
-    if length == 0:
-        return np.full((3, 3), np.nan)
     x, y, z = x / length, y / length, z / length
     level = float(np.hypot(x, z))
     sine, cosine = (x / level, z / level) if level > 0 else (0.0, 1.0)
@@ -162,11 +160,6 @@ def _vectors(*components: Float) -> Float:
 def direction_from_crop(direction_crop: ArrayLike, ray_left: ArrayLike) -> Float:
     """Directions (..., 3) in the camera frame from directions (..., 3) in a crop's axes and rays (..., 3)."""
     return np.einsum("...ij,...j->...i", left_from_crop(ray_left), np.asarray(direction_crop, dtype=np.float64))
-
-
-def direction_to_crop(direction_left: ArrayLike, ray_left: ArrayLike) -> Float:
-    """The inverse of :func:`direction_from_crop`."""
-    return np.einsum("...ji,...j->...i", left_from_crop(ray_left), np.asarray(direction_left, dtype=np.float64))
 
 
 def head_direction_crop(yaw_rad: ArrayLike, pitch_rad: ArrayLike) -> Float:

@@ -20,7 +20,6 @@ from vfoa.geometry import (
     cross,
     depth_from_disparity,
     direction_from_crop,
-    direction_to_crop,
     disparity_from_depth,
     fov_from_radius,
     gaze_direction_crop,
@@ -145,6 +144,11 @@ def test_the_crop_frame_is_a_rotation_about_the_ray_with_level_right(seed):
 def test_a_ray_straight_up_or_down_has_a_crop_frame(ray):
     frame = left_from_crop(ray)
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+
+
+def direction_to_crop(directions, rays):
+    """The inverse of the function."""
+    return np.einsum("...ji,...j->...i", left_from_crop(rays), directions)
 
 
 @given(SEEDS)

@@ -14,7 +14,7 @@ from scripts.measure.mirror import frame_of
 from tests import graphs
 from tests.scenes import square_box
 from vfoa.errors import VfoaError
-from vfoa.geometry import direction_to_crop, pixel_ray
+from vfoa.geometry import left_from_crop, pixel_ray
 from vfoa.head_pose import MODELS
 from vfoa.head_pose.sixdrepnet import SixDRepNet, angles_of
 from vfoa.types import Float, Head
@@ -68,7 +68,7 @@ def test_known_angles_are_a_known_direction_wherever_the_head_is(
     model = pickle.loads(pickle.dumps(constant_network(tmp_path, rotation(*np.radians(angles_deg)))))
     pose = model.estimate(BLACK, head_at(u, v))
     assert pose is not None
-    np.testing.assert_allclose(direction_to_crop(pose.direction, pixel_ray(u, v, BLACK.rig)), direction, atol=1e-3)
+    np.testing.assert_allclose(pose.direction @ left_from_crop(pixel_ray(u, v, BLACK.rig)), direction, atol=1e-3)
     found = np.degrees([pose.yaw_rad, pose.pitch_rad, pose.roll_rad])
     np.testing.assert_allclose(found, angles_deg, atol=1e-4)
 

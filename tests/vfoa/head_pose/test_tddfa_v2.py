@@ -25,7 +25,7 @@ from tests import graphs
 from tests.scenes import square_box
 from vfoa.crops import center
 from vfoa.errors import VfoaError
-from vfoa.geometry import angle_between, direction_to_crop, head_angles, head_direction_crop, pixel_ray
+from vfoa.geometry import angle_between, head_angles, head_direction_crop, left_from_crop, pixel_ray
 from vfoa.head_pose.tddfa_v2 import TddfaV2, claimed_sigma_rad, crop_from_head
 from vfoa.heads.yunet import YuNet
 from vfoa.types import Float, Head, HeadPose, Image, StereoFrame
@@ -94,7 +94,7 @@ def test_rotations_of_the_face_model_have_the_signs_of_the_crop(
     model = constant_network(tmp_path, Rotation.from_euler(axis, deg, degrees=True).as_matrix())
     pose = model.estimate(BLACK, head)
     assert pose is not None
-    seen = direction_to_crop(pose.direction, axis_of_crop(BLACK, head))
+    seen = pose.direction @ left_from_crop(axis_of_crop(BLACK, head))
     np.testing.assert_allclose(seen, direction, atol=1e-6)
     if angles_deg is not None:
         np.testing.assert_allclose(np.degrees([pose.yaw_rad, pose.pitch_rad, pose.roll_rad]), angles_deg, atol=1e-4)

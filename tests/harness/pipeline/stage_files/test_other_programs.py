@@ -16,7 +16,7 @@ from scripts.measure.mirror import frame_of
 from tests.disk import write_text
 from tests.measured import openface_file
 from vfoa.errors import VfoaError
-from vfoa.geometry import direction_to_crop, pixel_ray
+from vfoa.geometry import left_from_crop, pixel_ray
 from vfoa.types import Float, Head, Instances, StereoFrame
 
 FRAME = frame_of(np.zeros((480, 640, 3), np.uint8))
@@ -106,7 +106,7 @@ def test_gaze3d_looks_as_its_network_saw_the_head_wherever_that_is(
     direction = gaze_of(path, head)
     assert direction is not None
     ray = pixel_ray((box[0] + box[2]) / 2, (box[1] + box[3]) / 2, FRAME.rig)
-    np.testing.assert_allclose(direction_to_crop(direction, ray), expected, atol=1e-9)
+    np.testing.assert_allclose(direction @ left_from_crop(ray), expected, atol=1e-9)
     assert parts_in(path, "gaze3d") == {"heads", "gaze"}
 
 
