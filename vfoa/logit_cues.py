@@ -191,8 +191,7 @@ def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float
     outline = np.arctan2([right, down], ahead)
     radius, inner = np.arctan2([half, _INNER * half], distance)
     least, most = outline.min(axis=1), outline.max(axis=1)
-    if faces:
-        least[:, faces], most[:, faces] = -radius[faces], radius[faces]
+    least[:, faces], most[:, faces] = -radius[faces], radius[faces]
     return _Shapes(tuple(boxes), radius, inner, frames, least, most)
 
 

@@ -148,6 +148,8 @@ def test_nowhere_is_the_focus_far_from_all_targets() -> None:
     (found,) = results([looking(away, away)], LogitSettings(method="logit"))[0].attentions
     assert found.focus is None
     assert sum(value.total for value in found.values) < 0.5
+    (found,) = results([looking(LEFT, LEFT)], LogitSettings(method="logit"))[0].attentions
+    assert found.focus == max(found.values, key=lambda value: value.total).instance_id
 
 
 def test_a_subject_without_eyes_or_directions_has_a_reason() -> None:

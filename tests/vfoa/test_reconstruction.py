@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from tests.scenes import make_box, make_rig, rendered_boxes
@@ -300,6 +301,20 @@ def test_an_oriented_box_finds_the_box_its_points_fill(seed):
     assert found.left_from_box.trace() >= 1 - 1e-9
     np.testing.assert_allclose(found.center_m, box.center_m, atol=2e-3)
     np.testing.assert_allclose(np.sort(found.half_size_m), np.sort(box.half_size_m), atol=2e-3)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_an_oriented_box_is_the_smallest_with_a_face_on_the_hull(seed):
+    """The smallest rectangle about a polygon has a side on one of its edges (Freeman and Shapira 1975)."""
+    points = np.random.default_rng(seed).normal(size=(12, 3)) * (1, 0.6, 0.3)
+    volumes = []
+    for normal in ConvexHull(points).equations[:, :3]:
+        flat = points @ np.linalg.svd(normal[None])[2][1:].T
+        ring = flat[ConvexHull(flat).vertices]
+        for edge in np.roll(ring, -1, axis=0) - ring:
+            along = edge / np.linalg.norm(edge)
+            volumes.append(np.ptp(flat @ along) * np.ptp(flat @ [-along[1], along[0]]) * np.ptp(points @ normal))
+    assert np.prod(2 * oriented_box(points).half_size_m) == pytest.approx(min(volumes), rel=1e-4)
 
 
 @given(seed=st.integers(0, 2**32 - 1), thickness=st.sampled_from([0, 1e-6, 1e-3, 0.02]))
