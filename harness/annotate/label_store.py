@@ -55,10 +55,10 @@ class LabelStore(JournaledStore[Labels]):
             before = self._seen_alone[subject]
             if not isinstance(at, int) or not 0 <= at < len(self.frames):
                 raise ValueError(f"position {at!r} is outside the clip's {len(self.frames)} frames")
-        if {*entry} - {"seen", "id", "time_s"}:
-            super().apply(entry)
-        else:
-            self._seen_alone[subject] = max(before, at)
+            if not {*entry} - {"seen", "id", "time_s"}:
+                self._seen_alone[subject] = max(before, at)
+                return
+        super().apply(entry)
 
     def begin(self, base: Mapping[str, Sequence[Any]]) -> None:
         """Set all tracks; nothing of them was seen."""

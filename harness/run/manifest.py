@@ -18,6 +18,8 @@ MOST = 3
 
 _FOLLOWS = "times_ns"
 """Differs wherever a clip's frames do."""
+_STEPS = ("reconstruction", "tracking", "gaze_filter", "attention")
+"""Tables of a configuration that are never off."""
 _DERIVED = "methods"
 """Follows from the configurations and the code, which are compared."""
 
@@ -168,7 +170,7 @@ class RunManifest(_ManifestTable):
     def _tables(cls, configurations: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
         for name, tables in configurations.items():
             for table, settings in tables.items():
-                if not isinstance(settings, dict | None):
+                if not isinstance(settings, dict) and (settings is not None or table in _STEPS):
                     raise ValueError(f"{name}.{table}: found {settings!r}; expected a table")
             every = (tables.get("segmentation") or {}).get("every", 1)
             if not isinstance(every, int):

@@ -177,8 +177,8 @@ def answer_columns(
     attended = _find(scene, scene.person_at[attending], numbers_of(_flat(table, "targets"), 0))
     if (attended == UNKNOWN).any() or ((focus == UNKNOWN) & (focused != NO_ID)).any():
         raise VfoaError(
-            f"{tables.paths['answers']}: somebody attends to what is no target of the frame; expected the table as "
-            "the run wrote it"
+            f"{tables.paths['answers']}: somebody attends to what is not in the frame by {tables.paths['instances']}; "
+            "expected both tables as the run wrote them"
         )
     return PairColumns(
         clip=pair[0],

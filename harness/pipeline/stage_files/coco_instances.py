@@ -185,7 +185,7 @@ def _numbers(file: CocoFile, dataset: CocoFile, paths: Sequence[Path]) -> Mappin
             for number, name in number_names((image.name for image in dataset.images), str(paths[-1])).items()
         }
     found = {annotation.image_id: str(annotation.image_id) for annotation in file.annotations}
-    if odd := next((text for text in found.values() if not text.isdecimal()), None):
+    for odd in (text for text in found.values() if not text.isdecimal()):
         raise VfoaError(
             f"{paths[0]}: image_id: found {odd!r}; expected a number, or segmentation.dataset with its images"
         )

@@ -247,7 +247,8 @@ def poses_of(names: Collection[str], cells: Float, unit_m: float, lines: Sequenc
 
 def poses_in(cells: Float, unit_m: float, where: Callable[[int], str]) -> Poses:
     """The poses of one body as in :func:`poses_of`; ``where`` a row is opens its message."""
-    lengths = np.linalg.norm(cells[:, :4], axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):  # great numbers, and bits of a NaN that signals
+        lengths = np.linalg.norm(cells[:, :4], axis=1)
     is_known = ~np.isnan(cells).any(axis=1) & (lengths > 0)
     for row in np.flatnonzero(is_known & (np.abs(lengths - 1) > _UNIT_TOLERANCE))[:1]:
         raise VfoaError(f"{where(int(row))}: found a quaternion of length {lengths[row]:.3g}; expected 1")

@@ -10,6 +10,7 @@ from harness.run.directory import RunDirectory
 from harness.run.manifest import ClipOfRun, RunManifest
 from tests.disk import write_text
 from tests.records import write_manifest
+from vfoa.config import STEPS
 from vfoa.errors import VfoaError
 
 
@@ -43,6 +44,14 @@ def test_a_key_of_another_kind_is_refused(manifest: dict[str, Any], key: str, tm
     write_manifest(RunDirectory(tmp_path), manifest)
     with pytest.raises(VfoaError, match=key):
         RunDirectory(tmp_path).read_manifest()
+
+
+@pytest.mark.parametrize("table", STEPS)
+def test_no_step_can_be_off(table: str, tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path)
+    write_manifest(directory, {"configurations": {"one": {"stereo": None, table: None}}})
+    with pytest.raises(VfoaError, match=rf"one\.{table}: found None"):
+        directory.read_manifest()
 
 
 def test_a_copied_project_has_its_own_clips(tmp_path: Path) -> None:
