@@ -61,6 +61,14 @@ def test_behaviours_are_the_targets_where_there_are_no_modifiers(tmp_path: Path)
     imported = Observer().read(write_text(tmp_path / "log.txt", text), alone)
     assert imported.labels == Labels([row(1, 3, "bird"), row(4, 10, "cup")])
     assert ["never stops" in note for note in imported.notes] == [True]
+    with pytest.raises(VfoaError, match="unknown subject 'No focal subject'"):  # of several people, nobody says whose
+        Observer().read(tmp_path / "log.txt", exchange(TEN))
+
+
+def test_a_modifier_that_is_missing_leaves_the_behaviour(tmp_path: Path) -> None:
+    text = LOG.replace("boy,looks,girl", "boy,cup,NA")
+    imported = Observer().read(write_text(tmp_path / "log.txt", text), exchange(TEN, modifier="1"))
+    assert imported.labels.of("boy") == (row(3, 6, "cup", "boy"),)
 
 
 def test_modifiers_are_read_as_they_are(tmp_path: Path) -> None:
@@ -86,6 +94,7 @@ def test_one_of_several_observations_is_chosen(tmp_path: Path) -> None:
         ("girl,looks,bird,State start", "girl,looks,bird,State begin", "log.txt:2: Event_Type: found 'State begin'"),
         ("girl,looks,bird,State start", "girl,looks,bird,Point", "log.txt:5: 'looks' of 'girl' stops"),
         ("girl,looks,,State stop", "girl,looks,,Point", "log.txt:6: 'looks' of 'girl' starts"),
+        ("State start,far,", "State start", "log.txt:2: found 12 cells; expected 13"),
         ("00:00:00.080,0.080", "00:00:00.080,0:80", "log.txt:3: Time_Relative_sf: found '0:80'"),
         ("girl,looks,bird", "girl,looks,kite", "0.000 s: unknown target 'kite'"),
     ],

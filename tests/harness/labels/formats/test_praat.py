@@ -114,6 +114,18 @@ def test_what_another_writer_wrote_is_read(
     assert Praat().read(path, clip).labels == labels
 
 
+def test_times_are_read_to_the_millisecond(tmp_path: Path) -> None:
+    """As floating point numbers, 64.24 and 64.4 s are a little less, or more, than so many milliseconds."""
+    grid = TextGrid(xmax=1000.0)
+    tier = grid.add_tier("girl")
+    for start in (64.24, 64.4):
+        tier.add_interval(start, start + 0.04, "cup")
+    path = tmp_path / "theirs.TextGrid"
+    grid.to_file(str(path))
+    found = Praat().read(path, exchange(PlainClip(frames=range(2000)), gaps="none")).labels.ranges
+    assert [each for each in found if each.label.target == "cup"] == [row(1606, 1606, "cup"), row(1610, 1610, "cup")]
+
+
 @pytest.mark.parametrize(
     ("changed", "into", "place"),
     [
@@ -122,6 +134,8 @@ def test_what_another_writer_wrote_is_read(
         ("<exists>", "3", "mine.TextGrid:4: "),
         ("<exists> 3", "<exists> 2.5", "mine.TextGrid:4: "),
         ("<exists> 3", "<exists> 4", "mine.TextGrid:12: "),
+        ("<exists> 3", "<exists> -3", "mine.TextGrid:4: "),
+        ('0 0.08 "bird"', '-1e300 0.08 "bird"', "mine.TextGrid:6: "),
         ('0.08 0.24 ""', '0.08 0.24 "" 7', "mine.TextGrid:8: "),
         ('"IntervalTier" "speech"', '"PitchTier" "speech"', "'speech'"),
         ('0 0.08 "bird"', '0 1e300 "bird"', "mine.TextGrid:6: "),

@@ -101,6 +101,19 @@ def test_a_wearer_is_a_subject_and_one_recording_may_be_chosen(tmp_path: Path) -
     assert _targets(labels, "girl") == [(3, 3, "none"), (4, 4, "ignore"), (5, 5, "cup")]
 
 
+@pytest.mark.parametrize("wearer", ["wearer name", "other name"])
+def test_a_wearer_without_a_name_is_known_by_the_recording(tmp_path: Path, wearer: str) -> None:
+    """Other recordings of the project, of which there is no fixation, are none of the clip's."""
+    path = _export(tmp_path, wearers=f"s,{MINE},trial 1,w1,,1,2,,\ns,{OTHER},trial 2,w2,Ben,1,2,,\n")
+    sections = tmp_path / "sections.csv"
+    write_text(sections, sections.read_text(encoding="utf-8").replace("wearer name", wearer))
+    labels, notes = _read(path, renamed={MINE: "girl", "brown cup": "cup"})
+    assert _targets(labels, "girl") == EXPECTED
+    assert not any("--rename" in note for note in notes)
+    alone, notes = _read(path, renamed={MINE: "girl", "brown cup": "cup"}, subjects=("girl",))
+    assert (alone, any("--rename" in note for note in notes)) == (labels, False)
+
+
 def test_recordings_of_one_name_are_chosen_by_id(tmp_path: Path) -> None:
     wearers = "".join(f"s{n},{each},trial,w,Anna,1,2,,\n" for n, each in enumerate((MINE, MINE, OTHER)))
     path = _export(tmp_path, recordings=(MINE, OTHER), wearers=wearers)
