@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from harness.labels.drawn_shapes import Drawn
@@ -90,6 +90,21 @@ def test_only_key_frames_are_kept(tmp_path: Path) -> None:
     element, _ = _as_cvat_writes({3: (0, 0, 10, 10), 20: (17, 0, 27, 10)}, 30, number=0, label="bird")
     (shape,) = read(tmp_path, element).drawn.tracks
     assert [(key.frame, key.outside) for key in shape.keys] == [(4, False), (21, False), (31, False), (32, True)]
+
+
+@pytest.mark.parametrize(
+    ("shape", "keys"),
+    [
+        ('<points frame="{at}" keyframe="{key}" points="7.5,8.5"/>', [1, 3]),  # moves linearly, as a box does
+        ('<box frame="{at}" keyframe="{key}" xtl="1" ytl="2" xbr="9" ybr="12"/>', [1, 3]),
+        ('<box frame="{at}" keyframe="{key}" xtl="1" ytl="2" xbr="9" ybr="12" rotation="9"/>', [1, 2, 3]),
+        ('<polygon frame="{at}" keyframe="{key}" points="1,2;9,3;4,12"/>', [1, 2, 3]),
+    ],
+)
+def test_what_does_not_move_linearly_is_a_key_frame_everywhere(tmp_path: Path, shape: str, keys: list[int]) -> None:
+    element = cvat_track("bird", *(shape.format(at=at, key=int(at != 1)) for at in range(3)))
+    (track,) = read(tmp_path, element, frames=range(1, 4)).drawn.tracks
+    assert [key.frame for key in track.keys] == keys
 
 
 def test_where_frames_are_missing_shapes_stay_at_their_places_in_the_film(tmp_path: Path) -> None:
@@ -258,6 +273,9 @@ MASKS = st.lists(st.lists(st.booleans(), min_size=4, max_size=4), min_size=1, ma
 
 
 @given(MASKS.filter(lambda rows: any(map(any, rows))))
+@example(
+    [[False] * 4, [False, False, True, True], [True, False, True, False]]
+)  # a run of two rows, one of a single row
 def test_the_box_of_a_mask_is_that_of_its_pixels(
     tmp_path_factory: pytest.TempPathFactory, rows: list[list[bool]]
 ) -> None:

@@ -153,6 +153,12 @@ def test_the_beginning_of_the_film_is_subtracted(
     assert any("offset" in note for note in notes)
 
 
+def test_times_have_hours_minutes_and_seconds(tmp_path: Path) -> None:
+    text = DATABASE.replace("00:00:00:000,00:00:00:079", "01:02:03:040,01:02:03:119")
+    labels, _ = _read(write_text(tmp_path / "db", text), offset=3723.0)
+    assert labels == Labels([row(2, 3, "bird")])
+
+
 def test_codes_that_may_be_targets_are_asked_for(tmp_path: Path) -> None:
     path = write_text(tmp_path / "db", DATABASE.replace("target|NOMINAL", "toward|NOMINAL"))
     with pytest.raises(VfoaError, match=r"'boy': found the codes where, toward, note; .*--modifier CODE"):

@@ -32,7 +32,7 @@ def _region(first: int, last: int, *targets: str, tag: str = "girl") -> dict[str
     }
 
 
-def _sound(start_s: float, end_s: float, target: str) -> dict[str, Any]:
+def _sound(start_s: float | str, end_s: float | str, target: str) -> dict[str, Any]:
     value = {"start": start_s, "end": end_s, "channel": 0, "labels": [target]}
     return {"original_length": 10.1, "type": "labels", "from_name": "girl", "to_name": "audio", "value": value}
 
@@ -71,6 +71,13 @@ def test_frames_are_those_of_label_studio_s_rate_and_seconds_those_of_the_film(
     assert imported.notes == ()
 
 
+@pytest.mark.parametrize("region", [_region(1607, 1608, "bird"), _sound(64.24, 64.32, "bird")])
+def test_times_are_read_to_the_millisecond(tmp_path: Path, region: dict[str, Any]) -> None:
+    """As a floating point number, 64.24 s is a little less than so many milliseconds."""
+    imported = _read(tmp_path, [_task(region)], PlainClip(frames=range(2000)))
+    assert imported.labels == Labels([row(1606, 1607, "bird")])
+
+
 def test_a_frame_that_ends_one_range_and_begins_the_next_has_the_next_one_s_label(tmp_path: Path) -> None:
     """Drawn from where the last one ended, as scripts that make predictions of seconds write them, too."""
     regions = [_region(4, 7, "cup"), _region(1, 4, "bird"), _region(7, 10, "none"), _region(4, 10, "cup", tag="boy")]
@@ -105,6 +112,8 @@ def test_the_film_and_the_annotator_are_chosen(tmp_path: Path) -> None:
     imported = _read(tmp_path, tasks, film="talk.mp4", observation="8")
     assert imported.labels == Labels([row(1, 10, "cup")])
     assert imported.notes == (f"{tmp_path / 'project-1.json'}: left out: 1 task of other films.",)
+    alone = [_task(_region(1, 10, "bird")), _task(_region(1, 10, "none"), film="other.mp4", number=8)]
+    assert _read(tmp_path, alone, film="talk.mp4").labels == Labels([row(1, 10, "bird")])
     with pytest.raises(VfoaError, match="--observation: no annotation '9'"):
         _read(tmp_path, tasks, film="talk.mp4", observation="9")
 
@@ -128,6 +137,9 @@ def test_a_task_of_cloud_storage_and_other_regions(tmp_path: Path) -> None:
         ([_task(_region(1, 3, "bird", tag="videoLabels"))], "no tag is named after a subject; found 'videoLabels'"),
         ([_task(_region(3, 1, "bird"))], "before it begins"),
         ([_task(_sound("0", "1", "bird"))], "found '0' to '1'; expected seconds"),
+        ([_task(_sound("0", 1.0, "bird"))], "found '0' to 1.0; expected seconds"),
+        ([_task(_sound(0.0, "1", "bird"))], "found 0.0 to '1'; expected seconds"),
+        ([_task(_region(-(10**15), 1, "bird"))], "expected times in a film"),
         ([_task({"type": "timelinelabels", "value": {"ranges": [{"start": 1}]}})], "missing required field"),
         ([_task(_region(1, 10**15, "bird"))], "expected times in a film"),
         ([_task({"type": "choices", "value": {}}, film="/data/upload/1/0a1b2c3d-000001.png")], "--format table"),
