@@ -314,7 +314,7 @@ def started(
         inherited = {name: value for name, value in os.environ.items() if name.lower() != "no_proxy"}
         proxies = ("all_proxy", "http_proxy", "https_proxy")
         nowhere = dict.fromkeys([*proxies, *map(str.upper, proxies)], _NOWHERE)
-        environment = inherited | nowhere | {"XDG_CONFIG_HOME": folder}
+        environment = inherited | nowhere | {"XDG_CONFIG_HOME": folder, "TMPDIR": folder}  # it leaves a folder there
         command = [str(viewer_binary()), *arguments]
         process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=stderr)
         try:

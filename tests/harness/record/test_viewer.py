@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -200,10 +201,14 @@ LEFT_VIEW_PX = (252, 168)
 
 
 @needs_vulkan
-def test_the_real_viewer_draws_the_frame_it_is_asked_for(frames, record_run, tmp_path):
+def test_the_real_viewer_draws_the_frame_it_is_asked_for_and_leaves_no_files(frames, record_run, tmp_path, monkeypatch):
     """The left image, which is noise, is somewhere in the picture, and no other frame's is."""
     composed = find_clips(record_run(frames).run, None, None)[0].compose()
+    (temporary := tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    monkeypatch.setattr(tempfile, "tempdir", None)
     screenshot(composed, 13, tmp_path / "13.png", size=(800, 500))
+    assert list(temporary.iterdir()) == []
     picture = cv2.imread(str(tmp_path / "13.png"))
     assert picture.shape == (500, 800, 3)
     for frame in (each.frame for each in frames):
