@@ -209,7 +209,7 @@ class _CheckedTable:
         self._out = self._are_out() if self.has_points else ()
         self._check_points()
         self._targets = columns.cells.get("target") or ("",) * len(columns.lines)
-        self._numbers = columns.numbers("instance_id")
+        self._numbers = columns.integers_or_none("instance_id")
         given = {name: columns.numbers(CHANCE + name) for name in answers if CHANCE + name in columns.cells}
         self.chances = {name: np.nan_to_num(column) for name, column in given.items()}
         self._has_chances = np.zeros(len(columns.lines), np.bool_)
@@ -249,8 +249,7 @@ class _CheckedTable:
             raise VfoaError(f"{where}: target {target!r}: {did_you_mean(target, (*self._names, NOWHERE))}")
         if subject in (target, *chances):
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target")
-        number = self._numbers[row]
-        return Answer(target=target, instance_id=None if math.isnan(number) else int(number), chances=chances)
+        return Answer(target=target, instance_id=self._numbers[row], chances=chances)
 
     def _are_out(self) -> tuple[bool, ...]:
         """Which rows say that the point is not in the image."""

@@ -262,6 +262,7 @@ def test_frames_and_objects_are_said_otherwise(
         ("frame,subject,target,p_robot,p_none", "1,anna,robot,.2,.2", r"talk\.csv:2: .* 0\.4; expected 1"),
         ("frame,subject,target,p_robot", "1,anna,robot,-.2", r"talk\.csv:2: p_robot: .*found -0\.2"),
         ("frame,subject,target,p_robot", "1,anna,robot,", r"talk\.csv:2: target 'robot': .*probability"),
+        ("frame,subject,target,instance_id", "1,anna,robot,1.5", r"talk\.csv:2: instance_id: .*found '1\.5'"),
         ("frame,subject,target,p_lamp", "1,anna,robot,1", r"talk\.csv:1: no column 'p_lamp'"),
         ("frame,person,target", "1,anna,robot", r"talk\.csv:1: no column .*subject"),
         ("subject,target", "anna,robot", r"talk\.csv:1: .*frame and time_s"),
