@@ -34,6 +34,7 @@ from vfoa.types import Box3D, Float, HeadPose
 
 Up = Literal["y", "z"]
 _UNIT_TOLERANCE = 0.01
+_LATEST_S = 2**63 / 1e9
 _LEFT_FROM_ROOM: Mapping[Up, Float] = {
     "y": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),
     "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
@@ -227,9 +228,10 @@ def frames_per_second(cell: str, where: str, instead: str = "") -> float:
 
 
 def nanoseconds(times_s: Float, lines: Sequence[int], path: Path) -> list[int]:
-    """Times (N,) s as whole nanoseconds; a :class:`VfoaError` says where one is blank."""
-    for row in np.flatnonzero(np.isnan(times_s))[:1]:
-        raise VfoaError(f"{path}:{lines[row]}: Time: found nothing; expected seconds")
+    """Times (N,) s as whole nanoseconds; a :class:`VfoaError` says where one is blank, or is no time."""
+    for row in np.flatnonzero(~(np.abs(times_s) < _LATEST_S))[:1]:
+        found = "nothing" if np.isnan(times_s[row]) else f"{times_s[row]:g}"
+        raise VfoaError(f"{path}:{lines[row]}: Time: found {found}; expected seconds")
     return [round(1e9 * time_s) for time_s in times_s.tolist()]
 
 

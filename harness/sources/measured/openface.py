@@ -236,7 +236,7 @@ class OpenFaceClip(FramesOfMeasurements):
 def _times_ns(table: FaceTable, rate_hz: float | None, path: Path) -> dict[int, int]:
     """Time of every frame from the first to the last row, ns: a frame without a face may have no row."""
     numbers = range(min(table.faces), max(table.faces) + 1)
-    if len(numbers) > _MOST_FRAMES:
+    if numbers[-1] - numbers[0] >= _MOST_FRAMES:
         raise VfoaError(
             f"{path}: frame: found {numbers[0]} to {numbers[-1]}; expected at most {_MOST_FRAMES:,} frames in between"
         )
