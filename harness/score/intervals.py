@@ -3,9 +3,10 @@
 Frames are not independent: those of a look are right or wrong together, and so are, less strongly, the looks of a clip.
 From :data:`LEAST_CLIPS` clips on, clips are resampled with replacement, then looks within each drawn clip: the interval
 is valid for clips like these. Below that, the clips are fixed and stretches of them are resampled within each: the
-interval is valid for these clips only. A stretch is as many consecutive looks of a subject as leave at most
-:data:`MOST_STRETCHES` stretches in all. Few long ones are worth nearly as much as many short ones, and errors seldom
-outlast them (Ibragimov and Müller, "t-statistic based correlation and heterogeneity robust inference", 2010).
+interval is valid for these clips only. A stretch is as many consecutive looks of a subject as hold a share of
+1 / :data:`MOST_STRETCHES` of all frames, or all looks of the subject. Few long ones are worth nearly as much as many
+short ones, and errors seldom outlast them (Ibragimov and Müller, "t-statistic based correlation and heterogeneity
+robust inference", 2010).
 
 The interval of a difference is that of the sign-flip test (:mod:`harness.score.statistics`). Those of a rate are
 percentile intervals whose percentiles are expanded for small samples (Hesterberg, "What Teachers Should Know about the
@@ -41,7 +42,7 @@ LEAST_CLIPS = 6
 LEAST_UNITS = 6
 """Fewest units that are resampled."""
 MOST_STRETCHES = 16
-"""Most stretches that fewer clips are divided into."""
+"""Most stretches that fewer clips are divided into, unless they have more subjects."""
 
 _Z = NormalDist().inv_cdf((1 + LEVEL) / 2)
 _ROWS_AT_ONCE = 256

@@ -153,6 +153,15 @@ def test_the_beginning_of_the_film_is_subtracted(
     assert any("offset" in note for note in notes)
 
 
+def test_films_of_one_name_that_begin_at_different_times_are_refused(tmp_path: Path) -> None:
+    one = PROJECT.format(offset=0)
+    second = one.partition("viewerSettings:\n")[2].replace("/films/", "/side/").replace("'0'", "'-80'")
+    path = _opf(tmp_path / "talk.opf", project=one + second)
+    with pytest.raises(VfoaError, match=r"/films/talk\.mp4, /side/talk\.mp4; expected --offset SECONDS"):
+        _read(path, film="talk.mp4")
+    assert _read(path, film="talk.mp4", offset=0.0)[0] == EXPECTED
+
+
 def test_times_have_hours_minutes_and_seconds(tmp_path: Path) -> None:
     text = DATABASE.replace("00:00:00:000,00:00:00:079", "01:02:03:040,01:02:03:119")
     labels, _ = _read(write_text(tmp_path / "db", text), offset=3723.0)

@@ -121,11 +121,15 @@ def test_the_film_and_the_annotator_are_chosen(tmp_path: Path) -> None:
 def test_a_task_of_cloud_storage_and_other_regions(tmp_path: Path) -> None:
     box = {"sequence": [{"frame": 1, "x": 1.5}], "labels": ["cup"], "framesCount": 10, "duration": 0.4}
     choice = {"type": "choices", "from_name": "quality", "to_name": "video", "value": {"choices": ["good"]}}
-    regions = [_region(1, 10, "bird"), {"type": "videorectangle", "from_name": "box", "value": box}, choice]
+    words = {"start": "0", "end": "4", "text": "a cup", "labels": ["cup"]}
+    said = {"start": 0.1, "end": 0.2, "channel": 0, "text": ["hm"]}
+    others = (("videorectangle", "box", box), ("labels", "girl", words), ("textarea", "girl", said))
+    more = [{"type": kind, "from_name": name, "value": value} for kind, name, value in others]
+    regions = [_region(1, 10, "bird"), *more, choice]
     imported = _read(tmp_path, _task(*regions, film="/data/local-files/?d=films/talk.mp4"), films={"talk.mp4": 0.0})
     assert imported.labels == Labels([row(1, 10, "bird")])
     assert [note.partition(": ")[2] for note in imported.notes] == [
-        "left out: 2 regions not of a timeline or of sound."
+        "left out: 4 regions not of a timeline or of sound."
     ]
 
 
