@@ -97,7 +97,7 @@ class StereoFolderClip:
             return (
                 *notes,
                 *(camera.notes if camera else ()),
-                *scaling_note(self._cameras, self._size_px()),
+                *scaling_note(self._cameras, self._size_px),
                 *shrinking_note(self._cameras),
             )
         except VfoaError:  # the first frame cannot be read; reading it gives the error
@@ -146,7 +146,7 @@ class StereoFolderClip:
 
     def _rectifier_of(self, left: Image) -> Rectifier:
         """The rectifier of an image, which has the size of the clip's first one; computed when one is read."""
-        size_px = self._size_px()
+        size_px = self._size_px
         check_first_size((left.shape[1], left.shape[0]), size_px)
         if self._rectifier is None:
             self._rectifier = Rectifier(scaled_to(self._cameras, size_px))
@@ -155,14 +155,11 @@ class StereoFolderClip:
     def _read_cameras(self, folder: Path) -> Cameras:
         settings = self._settings
         if settings.camera is not None:
-            return settings.camera.pair(str(folder), self._size_px)
+            return settings.camera.pair(str(folder), lambda: self._size_px)
         files = (settings.calibration,) if isinstance(settings.calibration, str) else settings.calibration
         paths = [folder / file for file in files or ()]
-        return read_cameras(paths, self._size_px, settings)
-
-    def _size_px(self) -> tuple[int, int]:
-        return self._first_px
+        return read_cameras(paths, lambda: self._size_px, settings)
 
     @cached_property
-    def _first_px(self) -> tuple[int, int]:
+    def _size_px(self) -> tuple[int, int]:
         return first_size(self._views.read_left, self.frames)

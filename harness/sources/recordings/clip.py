@@ -94,16 +94,11 @@ class RecordingClip:
         if self._streams.right is None:
             self._optics = DepthCamera(topics, recording)
         else:
-            self._optics = PairCameras(topics, recording, self._folder, self._size_px)
+            self._optics = PairCameras(topics, recording, self._folder, lambda: self._size_px)
         by_log = 'images are joined by the time of recording (stamps = "log"), not by when they were taken'
         self.notes = (
-            *(
-                *index.losses,
-                *unstamped,
-                *paired,
-                *unused_pairs(topics, self._streams),
-                *unused_depth(topics, self._streams),
-            ),
+            *(*index.losses, *unstamped, *paired),
+            *(*unused_pairs(topics, self._streams), *unused_depth(topics, self._streams)),
             *notes_on_files(self._streams.left.places, self._container.files),
             *(self._notes_on_stamps() if settings.stamps == "header" else ()),
             *(*self._optics.notes, *counted),
@@ -129,7 +124,7 @@ class RecordingClip:
             elif streams.right is not None and places.right is not None:
                 right = self._image(streams.right, places.right)
             if self._settings.camera or self._settings.calibration:
-                check_first_size((left.shape[1], left.shape[0]), self._size_px())
+                check_first_size((left.shape[1], left.shape[0]), self._size_px)
             if streams.depth is not None:  # unknown everywhere for a frame of a pair without one
                 depth_m = np.full(left.shape[:2], np.nan, np.float32)
                 depth_m = depth_m if places.depth is None else self._depth(streams.depth, places.depth)
@@ -199,11 +194,8 @@ class RecordingClip:
     def _of_topic(self, topic: Topic, place: Place) -> str:
         return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"
 
-    def _size_px(self) -> tuple[int, int]:
-        return self._first_px
-
     @cached_property
-    def _first_px(self) -> tuple[int, int]:
+    def _size_px(self) -> tuple[int, int]:
         return first_size(self._left, self._frames)
 
     def _left(self, places: FramePlaces) -> Image:
