@@ -78,16 +78,15 @@ def depth_from_disparity(disparity_px: ArrayLike, rig: StereoRig) -> Float:
     z = fx B / (d + cx_right - cx).
     """
     shifted = np.asarray(disparity_px, dtype=np.float64) + (rig.cx_right_px - rig.cx_px)
-    with np.errstate(divide="ignore"):
-        return np.where(shifted > 0, rig.fx_px * rig.baseline_m / shifted, np.nan)
+    is_ahead = (shifted > 0) & (shifted < np.inf)
+    return np.asarray(rig.fx_px * rig.baseline_m / np.where(is_ahead, shifted, np.nan))
 
 
 def disparity_from_depth(depth_m: ArrayLike, rig: StereoRig) -> Float:
     """Disparity in pixels for depths of any shape; the inverse of :func:`depth_from_disparity`."""
     depth = np.asarray(depth_m, dtype=np.float64)
-    with np.errstate(divide="ignore"):
-        disparity = rig.fx_px * rig.baseline_m / depth - (rig.cx_right_px - rig.cx_px)
-    return np.where(depth > 0, disparity, np.nan)
+    of_parallel = rig.fx_px * rig.baseline_m / np.where(depth > 0, depth, np.nan)
+    return np.asarray(of_parallel - (rig.cx_right_px - rig.cx_px))
 
 
 def back_project(u_px: ArrayLike, v_px: ArrayLike, depth_m: ArrayLike, rig: StereoRig) -> Float:

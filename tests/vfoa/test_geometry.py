@@ -92,7 +92,7 @@ def test_depth_is_focal_length_times_baseline_over_disparity():
 
 
 def test_what_has_no_depth_is_unknown():
-    np.testing.assert_array_equal(depth_from_disparity([np.nan, -3.0, -5.0], RIG), [np.nan] * 3)
+    np.testing.assert_array_equal(depth_from_disparity([np.nan, -3.0, -5.0, np.inf], RIG), [np.nan] * 4)
     np.testing.assert_array_equal(disparity_from_depth([np.nan, 0.0, -1.0], RIG), [np.nan] * 3)
     assert np.isfinite(depth_from_disparity(-2.9, RIG))
 
