@@ -94,9 +94,12 @@ class NameLog:
                     return self.renamed[key]
         return self.renamed.get(name, name)
 
-    def leaves_out(self, subject: str | None, target: str) -> bool:
-        """Whether a label of their names is left out, which is counted; subject None: its name is not in the file."""
-        ours = None if subject is None else self.translate(subject)
+    def leaves_out(self, subject: str | None, target: str, *, is_ours: bool = False) -> bool:
+        """Whether a label of their names is left out, which is counted; subject None: its name is not in the file.
+
+        ``is_ours``: the subject's name is ours already.
+        """
+        ours = subject if is_ours or subject is None else self.translate(subject)
         names = [subject] if subject is not None and ours == "" else []
         names += [target] if target and not self.translate(target, ours) else []
         self._left_out.update(names[:1])

@@ -244,7 +244,9 @@ def _looks(
     looks = defaultdict[str, dict[int, Label]](dict)
     for subject, value, kind, shape in said:
         frame = frames.get(shape.at)
-        if shape.is_outside or value in _UNSET or frame is None or exchange.names.leaves_out(subject, value):
+        if shape.is_outside or value in _UNSET or frame is None:
+            continue
+        if exchange.names.leaves_out(subject, value, is_ours=True):
             continue
         target = NOWHERE if value.lower() == NOWHERE else exchange.target(value, subject, shape.where)
         label = looks[subject].setdefault(frame, Label(target=target))

@@ -170,6 +170,15 @@ def test_a_person_s_attribute_has_the_looks(tmp_path: Path) -> None:
     assert {(name, kind) for name, kind, _ in places(imported.drawn)} == {("girl", "box")}
 
 
+def test_who_gets_the_name_of_somebody_who_is_left_out_keeps_the_looks(tmp_path: Path) -> None:
+    tracks = [
+        cvat_track(name, cvat_box(0, (20 * number, 0, 20 * number + 9, 9), looks_at=target), number=number)
+        for number, (name, target) in enumerate((("left", "cup"), ("girl", "bird")))
+    ]
+    imported = read(tmp_path, *tracks, renamed={"left": "girl", "girl": ""})
+    assert imported.labels == Labels([row(1, 1, "cup")])
+
+
 def test_names_of_objects_and_heads(tmp_path: Path) -> None:
     elements = [
         cvat_track("cup", cvat_box(0, (0, 0, 5, 5)), number=3),
