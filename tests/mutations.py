@@ -229,8 +229,8 @@ MUTATIONS = (
     Mutation(
         "the time offset of an observation is not subtracted",
         "harness/labels/formats/boris.py",
-        'begin_s = _number(observation, "time offset", where)',
-        "begin_s = 0.0",
+        'offset_s = _number(observation, "time offset", where)',
+        "offset_s = 0.0",
         "harness/labels/formats/test_boris.py",
     ),
     Mutation(

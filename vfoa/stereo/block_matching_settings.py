@@ -8,6 +8,9 @@ from pydantic import AfterValidator, Field, model_validator
 
 from vfoa.settings import CountsWith, Settings
 
+_MOST_PENALTY = 2**14
+"""Greatest penalty of a block: OpenCV adds costs in 16 bits, and matched nothing, or wrongly, from about 2^15 on."""
+
 
 def _odd(value: int) -> int:
     if value % 2 == 0:
@@ -32,13 +35,13 @@ class BlockMatchingSettings(Settings):
 
     min_depth_m: float = Field(default=0.45, gt=0)
     """Least depth that is searched; it bounds the disparities. Nearer objects are not matched."""
-    uniqueness_percent: int = Field(default=10, ge=0, le=100)
+    uniqueness_percent: int = Field(default=10, ge=0, le=99)  # at 100, StereoSGBM divides by 0
     """Without ``wls``: how much more the next best match must cost for a pixel to be known."""
-    left_right_px: int = Field(default=1, ge=0)
+    left_right_px: int = Field(default=1, ge=0, le=100_000)
     """Without ``wls``: greatest difference of the two views' matches."""
-    speckle_size_px: int = Field(default=100, ge=0)
+    speckle_size_px: int = Field(default=100, ge=0, le=100_000_000)
     """Without ``wls``: regions of fewer pixels count as noise and are unknown."""
-    speckle_range_px: int = Field(default=2, ge=1)
+    speckle_range_px: int = Field(default=2, ge=1, le=100_000)
     """Without ``wls``: greatest difference in disparity between neighbouring pixels of one region."""
     wls: bool = True
     """Match both views, and smooth the left map along the edges of the colour image (weighted least squares)."""
@@ -66,7 +69,7 @@ class BlockMatcherSettings(BlockMatchingSettings):
     """Side of the compared blocks; odd."""
     pre_filter_cap: int = Field(default=31, ge=1, le=63)
     """Greatest horizontal gradient; larger ones are clipped. Gradients are compared instead of gray values."""
-    texture_threshold: int = Field(default=10, ge=0)
+    texture_threshold: int = Field(default=10, ge=0, le=100_000_000)
     """Without ``wls``: least texture of a block that is matched, the sum of its gradients."""
 
 
@@ -88,4 +91,7 @@ class SemiGlobalMatcherSettings(BlockMatchingSettings):
     def _penalties(self) -> Self:
         if self.p2 <= self.p1:
             raise ValueError(f"p2: expected more than p1 = {self.p1}, found {self.p2}")
+        most = _MOST_PENALTY // self.block_size_px**2
+        if self.p2 > most:
+            raise ValueError(f"p2: expected at most {most} with block_size_px = {self.block_size_px}, found {self.p2}")
         return self

@@ -183,6 +183,28 @@ def test_a_pixel_without_a_match_in_the_right_view_agrees_with_none():
     assert (pair.agreeing(of_left, unmatched, 1) == searched.unknown).all()
 
 
+@pytest.mark.parametrize("mode", SGBM_MODES)
+@pytest.mark.parametrize(("p2", "block_size_px"), [(655, 5), (135, 11), (16384, 1)])
+def test_the_greatest_penalty_is_matched_with(planes, mode, p2, block_size_px):
+    frame, truth, visible = planes
+    found = matcher("sgbm", wls=False, mode=mode, p2=p2, block_size_px=block_size_px).match(frame).disparity_px
+    assert (np.abs(found - truth)[visible] < 1).mean() > 0.7
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        *[("sgbm", {"uniqueness_percent": 99, "mode": mode}) for mode in SGBM_MODES],
+        ("bm", {"uniqueness_percent": 99, "left_right_px": 100_000, "speckle_size_px": 100_000_000}),
+        ("bm", {"speckle_range_px": 100_000, "texture_threshold": 100_000_000}),
+    ],
+)
+def test_the_greatest_limits_end_no_process(planes, name, settings):
+    """At a uniqueness of 100 %, OpenCV's semi-global matcher divided by 0, which ended the program."""
+    frame, _, _ = planes
+    assert matcher(name, wls=False, **settings).match(frame).disparity_px.shape == (RIG.height_px, RIG.width_px)
+
+
 @pytest.mark.parametrize("name", ["bm", "sgbm"])
 def test_both_views_are_matched_alike(planes, name):
     frame, _, _ = planes
@@ -293,6 +315,11 @@ def test_the_range_reaches_the_dragon_of_bandage_2():
         ("sgbm", {"block_size_px": 4}),
         ("sgbm", {"block_size_px": 13}),
         ("sgbm", {"p1": 32, "p2": 32}),
+        ("sgbm", {"p2": 656}),
+        ("sgbm", {"p2": 136, "block_size_px": 11}),
+        ("sgbm", {"uniqueness_percent": 100}),
+        ("bm", {"left_right_px": 2**31}),
+        ("bm", {"speckle_range_px": 2**27}),
         ("sgbm", {"mode": "4way"}),
         ("bm", {"mode": "3way"}),
         ("sgbm", {"min_depth_m": 0}),
