@@ -93,7 +93,8 @@ class Sights(NamedTuple):
         missed.pop(subject.person.instance_id or 0, None)
         known = dict(zip(self.missed, self.targets, strict=True))
         known |= {target.instance.id: target for target in scene.targets if target.instance.id in boxes}
-        eyes = {number: place for number, place in {**self.eyes, **eyes}.items() if number in missed.keys() & faceless}
+        places = {**self.eyes, **eyes}
+        eyes = {number: place for number, place in places.items() if number in missed and number in faceless}
         return Sights(tuple(known[number] for number in missed), eyes, missed, faceless, scene.time_ns)
 
 
