@@ -58,6 +58,8 @@ class _Matcher(ABC, Generic[MatcherSettings]):
     """The steps of both matchers. Subclasses build OpenCV's object, which is kept until the rig changes."""
 
     discontinuity_blocks: ClassVar[float]
+    speckle_steps: ClassVar[int]
+    """Number of OpenCV's steps in a pixel of the range of speckles."""
 
     def __init__(self, settings: MatcherSettings) -> None:
         self._settings = settings
@@ -72,9 +74,11 @@ class _Matcher(ABC, Generic[MatcherSettings]):
     def _build(self, disparities: DisparityRange) -> Any:
         """Return OpenCV's matcher of one view, which keeps every match."""
 
-    @abstractmethod
     def _let_check(self, matcher: Any) -> None:
         """Let OpenCV's matcher drop what is matched otherwise from the right view, and speckles."""
+        matcher.setDisp12MaxDiff(self._settings.left_right_px)
+        matcher.setSpeckleWindowSize(self._settings.speckle_size_px)
+        matcher.setSpeckleRange(self.speckle_steps * self._settings.speckle_range_px)
 
     def _create(self, disparities: DisparityRange) -> Any:
         """Return OpenCV's matcher of the left view."""
@@ -161,6 +165,7 @@ class BlockMatcher(_Matcher[BlockMatcherSettings]):
 
     Settings = BlockMatcherSettings
     discontinuity_blocks = 0.33
+    speckle_steps = SIXTEENTHS
 
     def _build(self, disparities: DisparityRange) -> Any:
         settings = self._settings
@@ -172,12 +177,9 @@ class BlockMatcher(_Matcher[BlockMatcherSettings]):
         return matcher
 
     def _let_check(self, matcher: Any) -> None:
-        settings = self._settings
-        matcher.setTextureThreshold(settings.texture_threshold)
+        matcher.setTextureThreshold(self._settings.texture_threshold)
         if self._opencv_checks:
-            matcher.setDisp12MaxDiff(settings.left_right_px)
-            matcher.setSpeckleWindowSize(settings.speckle_size_px)
-            matcher.setSpeckleRange(SIXTEENTHS * settings.speckle_range_px)  # that of StereoSGBM is in pixels
+            super()._let_check(matcher)
 
     @property
     def _opencv_checks(self) -> bool:
@@ -189,7 +191,7 @@ class BlockMatcher(_Matcher[BlockMatcherSettings]):
             return super()._checked(left, right, matched, reached)
         settings = self._settings
         agreeing = self._pair.agreeing(*self._pair.both(left, right, matched, reached), settings.left_right_px)
-        speckles = settings.speckle_size_px, SIXTEENTHS * settings.speckle_range_px
+        speckles = settings.speckle_size_px, self.speckle_steps * settings.speckle_range_px
         return np.asarray(cv2.filterSpeckles(agreeing, self._pair.searched.unknown, *speckles)[0])
 
 
@@ -198,6 +200,7 @@ class SemiGlobalMatcher(_Matcher[SemiGlobalMatcherSettings]):
 
     Settings = SemiGlobalMatcherSettings
     discontinuity_blocks = 0.5
+    speckle_steps = 1
 
     def _build(self, disparities: DisparityRange) -> Any:
         settings = self._settings
@@ -212,11 +215,6 @@ class SemiGlobalMatcher(_Matcher[SemiGlobalMatcherSettings]):
             preFilterCap=settings.pre_filter_cap,
             mode=SGBM_MODES[settings.mode],
         )
-
-    def _let_check(self, matcher: Any) -> None:
-        matcher.setDisp12MaxDiff(self._settings.left_right_px)
-        matcher.setSpeckleWindowSize(self._settings.speckle_size_px)
-        matcher.setSpeckleRange(self._settings.speckle_range_px)
 
 
 # The range of disparities
