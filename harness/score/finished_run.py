@@ -89,8 +89,8 @@ class FinishedRun:
             return cls.read(directory)
         pairs = product((clip.name for clip in whole.clips), whole.configurations)
         done = {pair for pair in pairs if directory.is_finished(pair)}
-        lacking = {base_of(name) for name in whole.configurations.keys() - {name for _, name in done}}
-        begun = [name for name in whole.configurations if base_of(name) not in lacking]
+        lacking = _with_seeds(whole.configurations.keys() - {name for _, name in done}, whole)
+        begun = [name for name in whole.configurations if name not in lacking]
         clips = [clip for clip in whole.clips if all((clip.name, name) in done for name in begun)]
         if not (begun and clips):
             raise VfoaError(f"{directory.path}: this run has no complete clip yet{_how_to_go_on(directory)}")
@@ -299,6 +299,12 @@ def how_to_label(clip: str | Path, configurations: Collection[Mapping[str, Any]]
 _FOUND = {0: "nobody", 1: "one person at most"}
 
 
+def _with_seeds(names: Iterable[str], run: RunManifest) -> set[str]:
+    """These configurations of a run, and those that repeat the same ones under other seeds."""
+    bases = set(map(base_of, names))
+    return {name for name in run.configurations if base_of(name) in bases}
+
+
 def _left_out(run: RunManifest) -> tuple[set[str], set[str], list[str]]:
     """The clips on which everything failed, the configurations that failed on another clip, and a note for each.
 
@@ -307,8 +313,7 @@ def _left_out(run: RunManifest) -> tuple[set[str], set[str], list[str]]:
     """
     counts = Counter(failure.clip for failure in run.failed)
     clips = {clip for clip, count in counts.items() if count == len(run.configurations)}
-    lacking = {base_of(failure.configuration) for failure in run.failed if failure.clip not in clips}
-    configurations = {name for name in run.configurations if base_of(name) in lacking}
+    configurations = _with_seeds((failure.configuration for failure in run.failed if failure.clip not in clips), run)
     notes: dict[str, str] = {}
     for failure in run.failed:
         name = base_of(failure.configuration)

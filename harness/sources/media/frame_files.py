@@ -133,14 +133,14 @@ def number_names(names: Iterable[str], where: str, folder: str = "") -> dict[int
             "expected the images of one clip, whose names differ in a frame number, or a pattern with %d for it"
         )
     columns = list(zip(*runs.values(), strict=True))
-    varying = _varying(columns)
     dates = find_dates([os.path.splitext(name)[0] for name in names])
     if dates is None:
         numbers = _numbers_of(with_decimals(first, columns))
     else:
-        beside = [column for place, column in varying.items() if place not in dates.runs]
+        beside = [column for place, column in _varying(columns).items() if place not in dates.runs]
         numbers = _numbers_of([list(map(str, dates.times)), *beside])
     if numbers is None:
+        varying = _varying(columns)
         raise VfoaError(
             f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; expected one, or "
             f"{_expected_pattern(folder, first, varying)}"

@@ -146,8 +146,10 @@ def join_nearest(left: Sequence[int], right: Sequence[int]) -> list[tuple[int, i
 def rate_of(times_ns: Iterable[int]) -> float | None:
     """Frames per second of ascending times by :func:`usual_step_ns`, from 1 Hz on to 0.001 Hz; None for one frame."""
     step_ns = usual_step_ns(times_ns)
-    rate_hz = None if step_ns is None else 1e9 / step_ns
-    return round(rate_hz, 3) if rate_hz and rate_hz >= 1 else rate_hz
+    if step_ns is None:
+        return None
+    rate_hz = 1e9 / step_ns
+    return round(rate_hz, 3) if rate_hz >= 1 else rate_hz
 
 
 def usual_step_ns(times_ns: Iterable[int]) -> float | None:
